@@ -1,0 +1,342 @@
+//! The messages of the highway domain (DESIGN §3), in the order in which a step produces them.
+
+use crate::Header;
+use crate::message::message;
+
+/// LIDAR azimuths, every 10°, counted anticlockwise from straight ahead.
+pub const AZIMUTHS: usize = 36;
+/// Height bands of the LIDAR: below 0.5 m, 0.5–1.0 m, 1.0–1.7 m.
+pub const HEIGHT_BANDS: usize = 3;
+/// LIDAR beams: azimuths × height bands.
+pub const BEAMS: usize = AZIMUTHS * HEIGHT_BANDS;
+/// Values that the ego car measures on itself.
+pub const EGO_VALUES: usize = 5;
+/// Directions that can be communicated about.
+pub const SECTORS: usize = 6;
+/// Numbers that the verbal modality carries: per sector 19 of the utterance's embedding, and the range.
+pub const VERBAL: usize = SECTORS * 20;
+/// Size of the latent state z.
+pub const LATENT: usize = 128;
+/// Throttle/brake and steer.
+pub const ACTIONS: usize = 2;
+/// Most objects that a [`Scene`] carries; the nearest are kept.
+pub const MAX_OBJECTS: usize = 64;
+/// Most imagined people in one question to the human model.
+pub const MAX_GROUP: usize = 512;
+
+/// Topic names. The human model's question-and-answer service is [`topic::IMAGINE`].
+pub mod topic {
+    /// [`LidarFrame`](crate::LidarFrame): world → belief, human, driver, renderer, recorder.
+    pub const LIDAR: &str = "world/lidar";
+    /// [`Scene`](crate::Scene): world → renderer, recorder.
+    pub const SCENE: &str = "world/scene";
+    /// [`Outcome`](crate::Outcome): world → all.
+    pub const OUTCOME: &str = "world/outcome";
+    /// [`RobotBelief`](crate::RobotBelief): belief → planner, renderer.
+    pub const ROBOT_BELIEF: &str = "belief/robot";
+    /// [`HumanBelief`](crate::HumanBelief): human → planner, renderer.
+    pub const HUMAN_BELIEF: &str = "belief/human";
+    /// [`CommAction`](crate::CommAction): planner → renderer, human.
+    pub const COMM_ACTION: &str = "comm/action";
+    /// [`Display`](crate::Display): renderer → driver, human, planner.
+    pub const DISPLAY: &str = "comm/display";
+    /// [`DriverAction`](crate::DriverAction): driver → world, human, belief, planner.
+    pub const DRIVER_ACTION: &str = "driver/action";
+    /// [`ImagineRequest`](crate::ImagineRequest) and [`ImagineAnswer`](crate::ImagineAnswer): planner ⇄ human.
+    pub const IMAGINE: &str = "human/imagine";
+    /// [`Control`](crate::Control): launcher → all.
+    pub const CONTROL: &str = "run/control";
+    /// [`Report`](crate::Report): all → launcher.
+    pub const REPORT: &str = "run/report";
+}
+
+message! {
+    /// What the car's semantic LIDAR and its own instruments measure at step k.
+    pub struct LidarFrame, "1" {
+        /// Header; `cause_ns` is the moment of sensing.
+        pub header: Header,
+        /// Range over 40 m, 1 where nothing is in range: `range[band · 36 + azimuth]`.
+        pub range: [f32; BEAMS],
+        /// Identity of the object that the azimuth's nearest return comes from; −1 for none.
+        pub object: [i32; AZIMUTHS],
+        /// Speed of that object over the road, in m/s; 0 for none.
+        pub speed_mps: [f32; AZIMUTHS],
+        /// Heading error/180°, speed/40 km/h, offset from lane centre/1.75 m, offset from road centre/7 m, road
+        /// heading change 10 m ahead/180°.
+        pub ego: [f32; EGO_VALUES],
+        /// 1 once traffic moves; cars stand still until the driver first gives throttle.
+        pub moving: u32,
+    } header: yes
+}
+
+message! {
+    /// A car as the world knows it.
+    pub struct ObjectPose, "1" {
+        /// Position of the box's centre, in metres in the world's frame.
+        pub x_m: f64,
+        /// See `x_m`.
+        pub y_m: f64,
+        /// Anticlockwise from the world's x axis.
+        pub heading_rad: f32,
+        /// Speed over ground.
+        pub speed_mps: f32,
+        /// Size of the box along its heading.
+        pub length_m: f32,
+        /// Size of the box across its heading.
+        pub width_m: f32,
+        /// Identity, as in [`LidarFrame::object`]; −1 for the ego car.
+        pub id: i32,
+        /// 0 car, 1 other.
+        pub kind: u32,
+    } header: no
+}
+
+message! {
+    /// True poses, for display and scoring only: belief, human model and planner never read them.
+    pub struct Scene, "1" {
+        /// Header.
+        pub header: Header,
+        /// The ego car.
+        pub ego: ObjectPose,
+        /// The cars nearest to it, by identity.
+        pub objects: [ObjectPose; MAX_OBJECTS],
+        /// How many of `objects` are filled.
+        pub count: u32,
+        /// Cars that did not fit.
+        pub left_out: u32,
+    } header: yes
+}
+
+message! {
+    /// What step k−1's action led to: reward by term, collision, end.
+    pub struct Outcome, "1" {
+        /// Header.
+        pub header: Header,
+        /// Sum of the terms.
+        pub reward: f32,
+        /// r^speed.
+        pub speed: f32,
+        /// r^brake.
+        pub brake: f32,
+        /// r^steer.
+        pub steer: f32,
+        /// r^change.
+        pub change: f32,
+        /// r^center.
+        pub center: f32,
+        /// r^proximity.
+        pub proximity: f32,
+        /// r^road.
+        pub road: f32,
+        /// Collision penalty.
+        pub collision: f32,
+        /// 1 if the ego car touched another car or left the road in this step.
+        pub collided: u32,
+        /// 0 running, 1 goal reached, 2 collision, 3 out of time.
+        pub end: u32,
+        /// Identity of the car that was touched; −1 for none, −2 for the road's edge.
+        pub other: i32,
+    } header: yes
+}
+
+message! {
+    /// The robot's belief z^R_k and the observation that it decodes to.
+    pub struct RobotBelief, "1" {
+        /// Header.
+        pub header: Header,
+        /// Mean of z^R.
+        pub mean: [f32; LATENT],
+        /// Deviation of z^R.
+        pub deviation: [f32; LATENT],
+        /// Decoded mean of the LIDAR modality: 108 ranges, 5 ego values.
+        pub lidar: [f32; BEAMS + EGO_VALUES],
+        /// Decoded mean of the verbal modality.
+        pub verbal: [f32; VERBAL],
+        /// Decoded mean of the reward.
+        pub reward: f32,
+        /// Mean squared error between what was decoded and what was sensed.
+        pub surprise: f32,
+        /// How much of `mean` is used.
+        pub latent: u32,
+    } header: yes
+}
+
+message! {
+    /// What the human model believes that the person believes, z^H_k, and expects them to do.
+    pub struct HumanBelief, "1" {
+        /// Header.
+        pub header: Header,
+        /// Mean of z^H.
+        pub mean: [f32; LATENT],
+        /// Deviation of z^H.
+        pub deviation: [f32; LATENT],
+        /// Mean of the predicted action.
+        pub action_mean: [f32; ACTIONS],
+        /// Deviation of the predicted action, before the tanh.
+        pub action_deviation: [f32; ACTIONS],
+        /// Which model speaks, as zero-padded text.
+        pub kind: [u8; 16],
+        /// How much of `mean` is used; for recurrent models, of their hidden state.
+        pub latent: u32,
+        /// Log-likelihood, under the prediction made at k−1, of the action that the person then took.
+        pub log_likelihood: f32,
+    } header: yes
+}
+
+message! {
+    /// What to communicate at step k, decided at k−1.
+    pub struct CommAction, "1" {
+        /// Header.
+        pub header: Header,
+        /// Probability of each visual item after the last iteration.
+        pub visual_probability: [f32; SECTORS],
+        /// Probability of each verbal item after the last iteration.
+        pub verbal_probability: [f32; SECTORS],
+        /// A bit per sector to highlight.
+        pub visual: u32,
+        /// A bit per sector to speak about.
+        pub verbal: u32,
+        /// Predicted value of the plan.
+        pub value: f32,
+        /// Predicted value of saying nothing.
+        pub value_silent: f32,
+        /// Communication cost of this step.
+        pub cost: f32,
+        /// 0 planned, 1 no planner, 2 the human model gave no answer, 3 late.
+        pub reason: u32,
+        /// Imagined futures.
+        pub samples: u32,
+        /// Iterations of the cross-entropy method.
+        pub iterations: u32,
+    } header: yes
+}
+
+message! {
+    /// Something spoken.
+    pub struct Utterance, "1" {
+        /// What is said, as zero-padded UTF-8.
+        pub text: [u8; 64],
+        /// The sector it is about.
+        pub sector: u32,
+        /// 0 nothing there, 1 slow, 2 fast.
+        pub kind: u32,
+        /// Range of the nearest car there in m; 40 for none.
+        pub range_m: f32,
+        /// Its speed.
+        pub speed_mps: f32,
+    } header: no
+}
+
+message! {
+    /// What the person is shown and told at step k.
+    pub struct Display, "1" {
+        /// Header.
+        pub header: Header,
+        /// Utterances that start now.
+        pub utterances: [Utterance; SECTORS],
+        /// How many of `utterances` are filled.
+        pub utterance_count: u32,
+        /// A bit per highlighted sector.
+        pub highlighted: u32,
+        /// Objects with a box around them; −1 for unused places.
+        pub objects: [i32; 16],
+        /// How many of `objects` are filled.
+        pub object_count: u32,
+        /// Seconds until the next utterance may start.
+        pub speech_ready_s: f32,
+    } header: yes
+}
+
+message! {
+    /// What the person does at step k.
+    pub struct DriverAction, "1" {
+        /// Header.
+        pub header: Header,
+        /// Throttle (positive) or brake (negative), in [−1, 1].
+        pub throttle: f32,
+        /// Steer, left positive, in [−1, 1].
+        pub steer: f32,
+    } header: yes
+}
+
+message! {
+    /// A question to the human model: "if this group of imagined people saw this, what would they do?"
+    pub struct ImagineRequest, "1" {
+        /// Header; `step` is the step planned from.
+        pub header: Header,
+        /// Seed of this question's noise; with it the answer is a pure function of the belief and the question.
+        pub seed: u64,
+        /// Group of imagined people; the human model keeps each group's beliefs from question to question.
+        pub group: u32,
+        /// 0: start from the current belief. 1: perceive what is below, then act. 2: forget the group.
+        pub phase: u32,
+        /// People in the group.
+        pub rows: u32,
+        /// 1 if `action` is what the person really does at this step (phase 0).
+        pub action_known: u32,
+        /// See `action_known`.
+        pub action: [f32; ACTIONS],
+        /// Communicated sectors of each person: visual in bits 0–5, verbal in bits 8–13.
+        pub communicated: [u32; MAX_GROUP],
+        /// Imagined LIDAR modality x̂, a person after the other.
+        pub lidar: [[f32; BEAMS + EGO_VALUES]; MAX_GROUP],
+        /// Imagined verbal modality x̂, a person after the other.
+        pub verbal: [[f32; VERBAL]; MAX_GROUP],
+    } header: yes
+}
+
+message! {
+    /// The human model's answer: the group's next actions.
+    pub struct ImagineAnswer, "1" {
+        /// Header; episode and step are the question's.
+        pub header: Header,
+        /// The question's group.
+        pub group: u32,
+        /// People in the group.
+        pub rows: u32,
+        /// 0 answered, 1 no belief for that step, 2 no such group.
+        pub status: u32,
+        /// The question's phase.
+        pub phase: u32,
+        /// Throttle/brake and steer of each person.
+        pub action: [[f32; ACTIONS]; MAX_GROUP],
+    } header: yes
+}
+
+message! {
+    /// What the launcher asks of the processes.
+    pub struct Control, "1" {
+        /// Header.
+        pub header: Header,
+        /// 1 start, 2 stop, 3 take over from `step` on, 4 report.
+        pub command: u32,
+        /// Process addressed: index in launch order, or `u32::MAX` for all.
+        pub process: u32,
+        /// Argument of the command.
+        pub argument: u64,
+    } header: yes
+}
+
+message! {
+    /// What a process tells the launcher: at its start, on request, and at its end.
+    pub struct Report, "1" {
+        /// Header.
+        pub header: Header,
+        /// Process name, zero-padded.
+        pub process: [u8; 16],
+        /// A message for people, zero-padded UTF-8.
+        pub text: [u8; 256],
+        /// Compute time per step: p50, p90, p99, p99.9, max, in nanoseconds.
+        pub compute_ns: [u64; 5],
+        /// Steps done.
+        pub steps: u64,
+        /// Deadlines missed.
+        pub missed_deadlines: u64,
+        /// Messages lost on the ports of this process, in the order of its `Ports` listing.
+        pub lost: [u64; 16],
+        /// Operating-system process id.
+        pub pid: u32,
+        /// 1 ready, 2 running, 3 finished, 4 failed.
+        pub state: u32,
+    } header: yes
+}

@@ -1,0 +1,14 @@
+//! The fixed-layout messages that MIRROR's processes exchange, and the topics they travel on.
+//!
+//! Every message is `#[repr(C)]`, made of plain numbers and fixed arrays, without padding and with
+//! every field at its natural alignment (asserted at compile time). Its bytes in shared memory are
+//! therefore also its CDR body, so a recorder can write them as they are with the ROS 2 definition
+//! that [`Message::definition`] derives from the same declaration; the two cannot drift.
+
+mod field;
+mod highway;
+mod message;
+
+pub use field::{Field, FieldType};
+pub use highway::*;
+pub use message::{Header, Message, layout_hash};
