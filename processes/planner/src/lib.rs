@@ -1,1 +1,161 @@
-//! (being written)
+//! The planner process: decides at step k what to communicate at k + 1, by imagining the robot's world and the person in
+//! it together (DESIGN §6).
+
+mod desk;
+mod remote;
+
+pub use desk::Desk;
+pub use remote::{RemotePeople, Waiting};
+
+use anyhow::{Context, Result, bail};
+use messages::{CommAction, Display, DriverAction, Header, HumanBelief, RobotBelief, topic};
+use models::SelfModel;
+use planning::{PeopleError, Settings};
+use runtime::{ClockMode, Node, NodeError, Receive, RunArguments, Stamp, Wake, now_ns};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// How to decide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Cross-entropy over imagined futures.
+    Ce,
+    /// Nothing is ever communicated (the paper's NC).
+    None,
+}
+
+/// What the process needs besides its place in the run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Options {
+    /// How to decide.
+    pub method: Method,
+    /// The self-model's file, the same that the belief process uses; `none` needs no model.
+    #[serde(default)]
+    pub model: Option<PathBuf>,
+    /// Settings of the cross-entropy planner.
+    #[serde(default)]
+    pub settings: Settings,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Seconds of a control step.
+    pub step_s: f32,
+    /// In real time, how long the human model may take for an answer, in milliseconds.
+    #[serde(default = "default_patience_ms")]
+    pub patience_ms: u64,
+}
+
+/// Ten times what an answer to half of the default samples takes.
+fn default_patience_ms() -> u64 {
+    50
+}
+
+/// [`CommAction::reason`].
+mod reason {
+    pub const PLANNED: u32 = 0;
+    pub const NO_PLANNER: u32 = 1;
+    pub const HUMAN_SILENT: u32 = 2;
+    pub const LATE: u32 = 3;
+}
+
+/// Joins the run and decides until it ends.
+///
+/// # Errors
+/// If the model's file or the settings cannot be used, or the run cannot be joined or is lost.
+pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+    if let Some(problem) = options.settings.problem() {
+        bail!("planner settings: {problem}");
+    }
+    if !(options.step_s > 0.0 && options.step_s.is_finite()) {
+        bail!("planner options: step_s must be positive, not {}", options.step_s);
+    }
+    match options.method {
+        Method::None => say_nothing(arguments),
+        Method::Ce => {
+            let path = options.model.as_ref().context("planner options: method `ce` needs a model")?;
+            decide(arguments, options, &models::checkpoint::load_self_model(path)?)
+        }
+    }
+}
+
+/// Sends empty decisions.
+fn say_nothing(arguments: &RunArguments) -> Result<()> {
+    let mut node = Node::join(arguments)?;
+    let receive = if arguments.clock == ClockMode::Lockstep { Receive::InOrder } else { Receive::Newest };
+    let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
+    let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
+    if node.ready()? == Wake::Stop {
+        return Ok(node.finish()?);
+    }
+    while node.wait(&mut [&mut robot], None)? != Wake::Stop {
+        robot.take()?;
+        let Some(header) = robot.header() else { continue };
+        decisions.send_with(Stamp::of(header).next(), |out| out.reason = reason::NO_PLANNER)?;
+        node.end_step();
+    }
+    Ok(node.finish()?)
+}
+
+/// Plans with `model`; settings must have no problem.
+///
+/// # Errors
+/// If the run cannot be joined or is lost.
+pub fn decide(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
+    let mut node = Node::join(arguments)?;
+    let lockstep = arguments.clock == ClockMode::Lockstep;
+    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
+    let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
+    let mut human = node.input::<HumanBelief>(topic::HUMAN_BELIEF, receive)?;
+    let mut driver = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
+    let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
+    let mut client = node.request_client()?;
+    let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
+    let mut desk = Desk::new(options, model);
+    let mut waiting = Waiting::new(options.settings.samples);
+    let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
+
+    if node.ready()? == Wake::Stop {
+        return Ok(node.finish()?);
+    }
+    while node.wait(&mut [&mut robot], None)? != Wake::Stop {
+        robot.take()?;
+        let Some(belief) = robot.message() else { continue };
+        let stamp = Stamp::of(&belief.header);
+        let deadline_ns = patience_ns.map(|patience| now_ns() + patience);
+        match node.wait_step(&mut [&mut human, &mut driver, &mut displays], stamp.episode, stamp.step, deadline_ns) {
+            Ok(Wake::Stop) => break,
+            Ok(_) => {}
+            // The episode ended with this step: nobody acted any more.
+            Err(NodeError::Overtaken { got_episode, .. }) if got_episode > stamp.episode => continue,
+            Err(error) => return Err(error.into()),
+        }
+        // In real time the wait may have ended without one of them.
+        let is_of_step = |header: Option<&Header>| {
+            header.is_some_and(|h| (h.episode, h.step) >= (stamp.episode, stamp.step))
+        };
+        let acted = driver.message().filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
+        let known_action = acted.map(|a| [a.throttle, a.steer]);
+        let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
+        let decision = if is_of_step(human.header()) {
+            let (node, client, waiting) = (&mut node, &mut client, &mut waiting);
+            let mut people = RemotePeople { node, client, stamp, patience_ns, waiting };
+            desk.plan(model, belief, known_action, speech_ready_s, &mut people)
+        } else {
+            Err(PeopleError::NoBelief)
+        };
+        let late = !lockstep && now_ns() > belief.header.cause_ns + desk.step_ns();
+        match decision {
+            Ok(decision) => decisions.send_with(stamp.next(), |out| desk.write(&decision, late, out))?,
+            Err(PeopleError::Stopped) => break,
+            Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
+            Err(PeopleError::Silent(_) | PeopleError::NoBelief) => {
+                client.give_up();
+                decisions.send_with(stamp.next(), |out| out.reason = reason::HUMAN_SILENT)?;
+            }
+        }
+        node.count_missed(u64::from(late));
+        node.end_step();
+    }
+    Ok(node.finish()?)
+}

@@ -24,7 +24,7 @@ pub const MAX_OBJECTS: usize = 64;
 /// Most imagined people in one question to the human model.
 pub const MAX_GROUP: usize = 512;
 
-/// Topic names. The human model's question-and-answer service is [`topic::IMAGINE`].
+/// Topic names. Questions to the human model travel on [`topic::IMAGINE`], its answers on [`topic::IMAGINE_ANSWER`].
 pub mod topic {
     /// [`LidarFrame`](crate::LidarFrame): world → belief, human, driver, renderer, recorder.
     pub const LIDAR: &str = "world/lidar";
@@ -42,8 +42,10 @@ pub mod topic {
     pub const DISPLAY: &str = "comm/display";
     /// [`DriverAction`](crate::DriverAction): driver → world, human, belief, planner.
     pub const DRIVER_ACTION: &str = "driver/action";
-    /// [`ImagineRequest`](crate::ImagineRequest) and [`ImagineAnswer`](crate::ImagineAnswer): planner ⇄ human.
+    /// [`ImagineRequest`](crate::ImagineRequest): planner → human.
     pub const IMAGINE: &str = "human/imagine";
+    /// [`ImagineAnswer`](crate::ImagineAnswer): human → planner.
+    pub const IMAGINE_ANSWER: &str = "human/imagine/answer";
     /// [`Control`](crate::Control): launcher → all.
     pub const CONTROL: &str = "run/control";
     /// [`Report`](crate::Report): all → launcher.
@@ -318,6 +320,18 @@ message! {
 }
 
 message! {
+    /// What one input of a process counted.
+    pub struct PortCount, "1" {
+        /// The topic, zero-padded.
+        pub topic: [u8; 24],
+        /// Messages received.
+        pub received: u64,
+        /// Messages lost: gaps in their senders' sequence numbers.
+        pub lost: u64,
+    } header: no
+}
+
+message! {
     /// What a process tells the launcher: at its start, on request, and at its end.
     pub struct Report, "1" {
         /// Header.
@@ -326,14 +340,22 @@ message! {
         pub process: [u8; 16],
         /// A message for people, zero-padded UTF-8.
         pub text: [u8; 256],
+        /// The process's inputs in the order in which it made them.
+        pub ports: [PortCount; 16],
         /// Compute time per step: p50, p90, p99, p99.9, max, in nanoseconds.
         pub compute_ns: [u64; 5],
         /// Steps done.
         pub steps: u64,
         /// Deadlines missed.
         pub missed_deadlines: u64,
-        /// Messages lost on the ports of this process, in the order of its `Ports` listing.
-        pub lost: [u64; 16],
+        /// Heap allocations in the steady-state loop.
+        pub allocations: u64,
+        /// Digest of what was recorded; from the recorder only.
+        pub digest: [u8; 32],
+        /// How many of `ports` are filled.
+        pub port_count: u32,
+        /// The process's place in launch order.
+        pub index: u32,
         /// Operating-system process id.
         pub pid: u32,
         /// 1 ready, 2 running, 3 finished, 4 failed.

@@ -5,10 +5,12 @@
 //! therefore also its CDR body, so a recorder can write them as they are with the ROS 2 definition
 //! that [`Message::definition`] derives from the same declaration; the two cannot drift.
 
+mod catalogue;
 mod field;
 mod highway;
 mod message;
 
+pub use catalogue::{Description, all_definitions, for_each_message};
 pub use field::{Field, FieldType};
 pub use highway::*;
 pub use message::{Header, Message, layout_hash};

@@ -1,1 +1,16 @@
-//! (being written)
+//! The robot's self-model, the implants that turn it into a model of a person, and the trait that every human model
+//! implements. Nothing here knows of processes or topics.
+
+pub mod checkpoint;
+pub mod human;
+pub mod imagined;
+pub mod implants;
+pub mod observation;
+pub mod policy;
+pub mod self_model;
+pub mod utterances;
+
+pub use human::{Beliefs, HumanModel, Kind, SelfHuman};
+pub use implants::Implants;
+pub use observation::{Communicated, Observations, Shape};
+pub use self_model::{Filter, SelfModel};

@@ -1,1 +1,28 @@
-//! (being written)
+//! Reverse-mode differentiation over faer in f32, made for batches of small networks.
+//!
+//! Every matrix is features × batch, column-major and contiguous: one column is one sample. Inference
+//! ([`Mlp::infer`], [`Gru::infer`]) needs no tape. Learning records operations on a [`Tape`], whose memory (an [`Arena`]) is
+//! reused from step to step, and reads gradients from [`Gradients`]. Everything inside is sequential and
+//! deterministic; callers run shards of a batch in parallel, each with its own arena and gradients, and add those
+//! in a fixed order.
+
+mod adam;
+pub mod checkpoint;
+mod gru;
+mod in_place;
+mod kernels;
+mod layers;
+mod math;
+pub mod noise;
+mod parameters;
+mod product;
+mod tape;
+mod tensor;
+
+pub use adam::Adam;
+pub use gru::{Gru, GruScratch};
+pub use in_place::softplus_in_place;
+pub use layers::{Activation, Dense, Mlp, MlpScratch, SMALLEST_DEVIATION};
+pub use parameters::{Gradients, ParamId, Parameters};
+pub use tape::{Arena, Tape, Var};
+pub use tensor::Tensor;

@@ -1,1 +1,10 @@
-//! (being written)
+//! Deciding what to communicate, by imagining both futures together (paper §III-C).
+
+pub mod cross_entropy;
+pub mod imagination;
+pub mod people;
+pub mod planner;
+
+pub use imagination::{Imagination, Stage};
+pub use people::{ImaginedPeople, LocalPeople, PeopleError};
+pub use planner::{Decision, Planner, Settings};

@@ -1,1 +1,40 @@
-//! (being written)
+//! What every MIRROR process is built on: its node, its ports, waiting, clocks, stage timing and a clean end.
+//!
+//! A process is one loop over a [`Node`]: make the ports, say [`Node::ready`], then wait, compute and send until
+//! [`Wake::Stop`]. The launcher's side is [`Launcher`]. Runs are kept apart by [`RunArguments`]: every instance has its
+//! own directory below the root and its own prefix for shared memory (see [`instance`]).
+//!
+//! What allocates, measured with [`CountingAllocator`] and read in iceoryx2 0.10's source: making nodes, services and
+//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning, sending,
+//! notifying, receiving and releasing do not, and neither does [`Node::wait`], which calls `poll(2)` on the listeners'
+//! descriptors because iceoryx2's own wait set collects what woke it in a fresh vector each time. iceoryx2's
+//! request-response allocates a counter for every request received; see [`RequestServer`] for what we use instead.
+
+pub mod alloc_count;
+mod arguments;
+pub mod clock;
+mod digest;
+mod error;
+mod imagine;
+pub mod instance;
+mod launcher;
+mod node;
+mod output;
+mod input;
+mod service;
+mod signal;
+mod timing;
+
+pub use alloc_count::CountingAllocator;
+pub use arguments::{ClockMode, RunArguments};
+pub use clock::{Ticker, now_ns};
+pub use digest::Digest;
+pub use error::{InstanceError, NodeError, PortError};
+pub use imagine::{RequestClient, RequestServer};
+pub use input::{Input, InputOptions, Receive, Source};
+pub use instance::{CleanupReport, InstanceLock, InstanceState, cleanup_dead, list_instances};
+pub use launcher::{Launcher, LauncherWake, process_descriptor, text_of};
+pub use node::{Node, Wake};
+pub use output::{Loan, Output, Stamp};
+pub use service::{DEFAULT_BUFFER, RECORDER_BUFFER};
+pub use timing::StageTimer;

@@ -1,1 +1,13 @@
-//! (being written)
+//! Learning: the self-model by ELBO and soft actor-critic, and implants from a person's demonstrations.
+
+pub mod batches;
+pub mod demonstrations;
+pub mod implants;
+pub mod replay;
+pub mod rollout;
+pub mod sac;
+pub mod self_model;
+
+/// Shards that a batch is cut into. Their gradients are added in this fixed order, so that the number of threads
+/// changes no byte of the result.
+pub const SHARDS: usize = 2;

@@ -1,0 +1,188 @@
+//! The person as the human model sees them: what they believe now, what they believed a moment ago, and groups of
+//! imagined people that start from there. Allocates nothing once each group's size has been seen.
+
+use messages::{Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, SECTORS};
+use models::imagined::ImaginedGroups;
+use models::observation::Shape;
+use models::policy::ActionDistribution;
+use models::utterances::{Said, UtteranceTable};
+use models::{Beliefs, Communicated, HumanModel, Observations};
+use nn::Tensor;
+
+/// Groups of imagined people that a planner may keep at the same time.
+pub const GROUPS: usize = 4;
+/// Beliefs kept. A real-time plan starts several times from the same step while the person moves on.
+const REMEMBERED: usize = 4;
+
+/// [`ImagineAnswer::status`].
+mod status {
+    pub const ANSWERED: u32 = 0;
+    pub const NO_BELIEF: u32 = 1;
+    pub const NO_GROUP: u32 = 2;
+}
+
+/// [`ImagineRequest::phase`].
+mod phase {
+    pub const START: u32 = 0;
+    pub const PERCEIVE: u32 = 1;
+    pub const FORGET: u32 = 2;
+}
+
+/// The person, in the eyes of one human model.
+pub struct Person {
+    model: Box<dyn HumanModel>,
+    table: UtteranceTable,
+    beliefs: Beliefs,
+    observations: Observations,
+    action: Tensor,
+    expected: ActionDistribution,
+    position: Option<(u32, u32)>,
+    remembered: [Remembered; REMEMBERED],
+    next: usize,
+    groups: ImaginedGroups,
+    /// Size of each group; 0 for none.
+    rows: [usize; GROUPS],
+    imagined: Observations,
+    communicated: Vec<Communicated>,
+}
+
+struct Remembered {
+    position: Option<(u32, u32)>,
+    beliefs: Beliefs,
+}
+
+impl Person {
+    /// A person who perceived nothing yet.
+    pub fn new(model: Box<dyn HumanModel>, table: UtteranceTable) -> Self {
+        let shape = Shape::HIGHWAY;
+        let latent = model.latent();
+        Self {
+            model,
+            table,
+            beliefs: Beliefs::new(latent, 1),
+            observations: Observations::new(&shape, 1),
+            action: Tensor::new(shape.action, 1),
+            expected: ActionDistribution::new(shape.action, 1),
+            position: None,
+            remembered: core::array::from_fn(|_| Remembered {
+                position: None,
+                beliefs: Beliefs::new(latent, 1),
+            }),
+            next: 0,
+            groups: ImaginedGroups::new(latent, shape.action, GROUPS, MAX_GROUP),
+            rows: [0; GROUPS],
+            imagined: Observations::new(&shape, MAX_GROUP),
+            communicated: vec![Communicated::default(); MAX_GROUP],
+        }
+    }
+
+    /// Updates z^H with what the person could perceive in `frame`, what `display` showed and said, and `taken`, the action
+    /// that they took one step before (ignored at an episode's start); writes belief and prediction into `out`, all but
+    /// the header.
+    pub fn observe(&mut self, frame: &LidarFrame, display: &Display, taken: [f32; 2], out: &mut HumanBelief) {
+        let (episode, step) = (frame.header.episode, frame.header.step);
+        let starts = step == 0 || self.position.is_none_or(|(seen, _)| seen != episode);
+        if starts {
+            self.beliefs.reset();
+        } else {
+            out.log_likelihood = self.expected.log_density(0, &taken);
+        }
+        self.observations.set_lidar(0, &frame.range, &frame.ego);
+        let communicated = self.hear(display);
+        self.action.column_mut(0).copy_from_slice(&taken);
+        self.model.perceive(&mut self.beliefs, &self.action, &self.observations, &[communicated], None);
+        self.model.act(&self.beliefs, &mut self.expected);
+        self.position = Some((episode, step));
+        self.remember();
+        self.report(out);
+    }
+
+    /// What was shown and said, as the human model takes it in: the words that were really spoken stand in the verbal
+    /// modality.
+    fn hear(&mut self, display: &Display) -> Communicated {
+        let spoken = (display.utterance_count as usize).min(display.utterances.len());
+        let verbal = self.observations.verbal.column_mut(0);
+        verbal.fill(0.0);
+        let mut heard = 0;
+        for utterance in &display.utterances[..spoken] {
+            let sector = utterance.sector as usize;
+            let said = match utterance.kind {
+                0 => Said::Nothing,
+                1 => Said::Slow,
+                2 => Said::Fast,
+                _ => continue, // words that the models have never heard
+            };
+            if sector < SECTORS {
+                self.table.encode(sector, said, utterance.range_m, verbal);
+                heard |= 1 << sector;
+            }
+        }
+        Communicated::new(display.highlighted, heard)
+    }
+
+    fn remember(&mut self) {
+        let place = &mut self.remembered[self.next];
+        self.next = (self.next + 1) % REMEMBERED;
+        place.position = self.position;
+        place.beliefs.fresh = self.beliefs.fresh;
+        place.beliefs.mean.copy_from(&self.beliefs.mean);
+        place.beliefs.deviation.copy_from(&self.beliefs.deviation);
+        place.beliefs.z.copy_from(&self.beliefs.z);
+    }
+
+    fn report(&self, out: &mut HumanBelief) {
+        let latent = self.beliefs.mean.rows().min(out.mean.len());
+        out.latent = latent as u32;
+        out.mean[..latent].copy_from_slice(&self.beliefs.mean.column(0)[..latent]);
+        out.deviation[..latent].copy_from_slice(&self.beliefs.deviation.column(0)[..latent]);
+        for (mean, u) in out.action_mean.iter_mut().zip(self.expected.mean.column(0)) {
+            *mean = u.tanh();
+        }
+        out.action_deviation.copy_from_slice(self.expected.deviation.column(0));
+        let kind = self.model.kind().as_bytes();
+        let length = kind.len().min(out.kind.len());
+        out.kind[..length].copy_from_slice(&kind[..length]);
+    }
+
+    /// Answers one question about a group of imagined people; `answer` comes with group, phase and rows filled in.
+    pub fn answer(&mut self, question: &ImagineRequest, answer: &mut ImagineAnswer) {
+        let group = question.group as usize;
+        let rows = question.rows as usize;
+        answer.status = status::NO_GROUP;
+        if group >= GROUPS {
+            return;
+        }
+        let actions = match question.phase {
+            phase::START if (1..=MAX_GROUP).contains(&rows) => {
+                let position = Some((question.header.episode, question.header.step));
+                let Some(start) = self.remembered.iter().find(|kept| kept.position == position) else {
+                    answer.status = status::NO_BELIEF;
+                    return;
+                };
+                self.rows[group] = rows;
+                let known = (question.action_known != 0).then_some(question.action);
+                self.groups.start(&mut *self.model, &start.beliefs, group, rows, question.seed, known)
+            }
+            phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
+                self.imagined.resize(rows);
+                self.imagined.visual.data_mut().copy_from_slice(question.lidar[..rows].as_flattened());
+                self.imagined.verbal.data_mut().copy_from_slice(question.verbal[..rows].as_flattened());
+                for (bits, asked) in self.communicated.iter_mut().zip(&question.communicated[..rows]) {
+                    *bits = Communicated(*asked);
+                }
+                let communicated = &self.communicated[..rows];
+                self.groups.step(&mut *self.model, group, &self.imagined, communicated, question.seed)
+            }
+            phase::FORGET => {
+                self.groups.forget(group);
+                self.rows[group] = 0;
+                answer.status = status::ANSWERED;
+                return;
+            }
+            _ => return,
+        };
+        let Ok(actions) = actions else { return };
+        answer.action[..rows].as_flattened_mut().copy_from_slice(actions.data());
+        answer.status = status::ANSWERED;
+    }
+}

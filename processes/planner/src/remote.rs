@@ -1,0 +1,142 @@
+//! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
+
+use messages::{ImagineRequest, MAX_GROUP};
+use models::{Communicated, Observations};
+use nn::Tensor;
+use planning::planner::GROUPS;
+use planning::{ImaginedPeople, PeopleError};
+use runtime::{Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
+
+/// Answers that came while another group's was awaited; kept by the loop, so that planning allocates nothing.
+pub struct Waiting {
+    groups: [Place; GROUPS],
+}
+
+struct Place {
+    actions: Tensor,
+    rows: usize,
+    answered: bool,
+}
+
+impl Waiting {
+    /// Room for groups of together `samples` people.
+    pub fn new(samples: usize) -> Self {
+        Self {
+            groups: core::array::from_fn(|_| Place {
+                actions: Tensor::new(messages::ACTIONS, samples / GROUPS),
+                rows: 0,
+                answered: false,
+            }),
+        }
+    }
+}
+
+/// The human-model process during one plan.
+pub struct RemotePeople<'a> {
+    /// This process.
+    pub node: &'a mut Node,
+    /// Way to the human-model process.
+    pub client: &'a mut RequestClient,
+    /// The step that is planned from.
+    pub stamp: Stamp,
+    /// How long an answer may take; none waits as long as the run lasts (lockstep).
+    pub patience_ns: Option<u64>,
+    /// Answers not fetched yet.
+    pub waiting: &'a mut Waiting,
+}
+
+impl RemotePeople<'_> {
+    fn send(&mut self, group: usize, rows: usize, write: impl FnOnce(&mut ImagineRequest)) -> Result<(), PeopleError> {
+        self.waiting.groups[group].answered = false;
+        self.waiting.groups[group].rows = rows;
+        let sent = self.client.ask(self.stamp, |question| {
+            question.group = group as u32;
+            question.rows = rows as u32;
+            write(question);
+        });
+        sent.map_err(unreachable_port)
+    }
+
+    /// Takes in the answer that the client holds.
+    fn keep(&mut self) -> Result<(), PeopleError> {
+        let Some(answer) = self.client.answer() else { return Ok(()) };
+        let header = &answer.header;
+        if (header.episode, header.step) != (self.stamp.episode, self.stamp.step) {
+            return Ok(()); // an answer to a plan that was given up
+        }
+        let Some(place) = self.waiting.groups.get_mut(answer.group as usize) else { return Ok(()) };
+        let rows = answer.rows as usize;
+        if answer.status != 0 || rows != place.rows || rows > MAX_GROUP {
+            return Err(PeopleError::NoBelief);
+        }
+        let actions = answer.action[..rows].as_flattened();
+        if !actions.iter().all(|a| a.is_finite()) {
+            return Err(PeopleError::NoBelief); // numbers that nobody can act on are no answer
+        }
+        place.actions.resize_to(messages::ACTIONS, rows);
+        place.actions.data_mut().copy_from_slice(actions);
+        place.answered = true;
+        Ok(())
+    }
+}
+
+impl ImaginedPeople for RemotePeople<'_> {
+    fn start(
+        &mut self,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<[f32; 2]>,
+    ) -> Result<(), PeopleError> {
+        self.send(group, rows, |question| {
+            question.phase = 0;
+            question.seed = seed;
+            question.action_known = u32::from(known_action.is_some());
+            question.action = known_action.unwrap_or_default();
+        })
+    }
+
+    fn ask(
+        &mut self,
+        group: usize,
+        observations: &Observations,
+        communicated: &[Communicated],
+        seed: u64,
+    ) -> Result<(), PeopleError> {
+        let rows = observations.batch();
+        self.send(group, rows, |question| {
+            question.phase = 1;
+            question.seed = seed;
+            question.action_known = 0;
+            for (asked, bits) in question.communicated.iter_mut().zip(communicated) {
+                *asked = bits.0;
+            }
+            question.lidar[..rows].as_flattened_mut().copy_from_slice(observations.visual.data());
+            question.verbal[..rows].as_flattened_mut().copy_from_slice(observations.verbal.data());
+        })
+    }
+
+    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
+        let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
+        while !self.waiting.groups[group].answered {
+            match self.client.wait_answer(self.node, deadline_ns).map_err(unreachable_node)? {
+                Wake::Message => self.keep()?,
+                Wake::Stop => return Err(PeopleError::Stopped),
+                Wake::Deadline => {
+                    return Err(PeopleError::Silent(self.patience_ns.unwrap_or_default() / 1_000_000));
+                }
+            }
+        }
+        self.waiting.groups[group].answered = false;
+        actions.copy_from(&self.waiting.groups[group].actions);
+        Ok(())
+    }
+}
+
+fn unreachable_port(error: PortError) -> PeopleError {
+    PeopleError::Unreachable(error.to_string())
+}
+
+fn unreachable_node(error: NodeError) -> PeopleError {
+    PeopleError::Unreachable(error.to_string())
+}

@@ -1,0 +1,151 @@
+//! The topics that are recorded, and one type that holds a message of any of them.
+//!
+//! `human/imagine` is left out on purpose: a question carries half a megabyte, dozens of them make one plan, and each
+//! is a pure function of what is recorded (beliefs, actions, seeds).
+
+use messages::{
+    CommAction, Control, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Outcome,
+    Report, RobotBelief, Scene, topic,
+};
+use runtime::{Digest, Input, InputOptions, Node, PortError};
+
+/// What the recorder knows about a topic.
+#[derive(Clone, Copy, Debug)]
+pub struct Topic {
+    /// Such as `world/lidar`.
+    pub name: &'static str,
+    /// Such as `mirror_msgs/LidarFrame`.
+    pub ros_type: &'static str,
+    /// The `ros2msg` text.
+    pub definition: fn() -> String,
+    /// Bytes of a message.
+    pub size: usize,
+}
+
+macro_rules! topics {
+    ($($field:ident: $variant:ident on $topic:path;)*) => {
+        /// A message of any recorded topic, in place: as large as the largest, so that a block of this type takes
+        /// each of them without allocation.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        // The large variant is the point; see above.
+        #[allow(clippy::large_enum_variant)]
+        pub enum Recorded {
+            $(
+                #[doc = concat!("A [`", stringify!($variant), "`].")]
+                $variant($variant),
+            )*
+        }
+
+        $(impl From<&$variant> for Recorded {
+            fn from(message: &$variant) -> Self {
+                Self::$variant(*message)
+            }
+        })*
+
+        /// Every recorded topic, in the order of [`Recorded`]'s variants.
+        pub const TOPICS: [Topic; [$(stringify!($variant)),*].len()] = [$(Topic {
+            name: $topic,
+            ros_type: <$variant as Message>::ROS_TYPE,
+            definition: <$variant as Message>::definition,
+            size: size_of::<$variant>(),
+        },)*];
+
+        impl Recorded {
+            /// Index into [`TOPICS`].
+            pub fn topic(&self) -> usize {
+                #[allow(clippy::enum_variant_names)]
+                enum Index { $($variant,)* }
+                match self { $(Self::$variant(_) => Index::$variant as usize,)* }
+            }
+
+            /// The message's bytes, which are its CDR body.
+            pub fn bytes(&self) -> &[u8] {
+                match self { $(Self::$variant(message) => message.bytes(),)* }
+            }
+
+            /// The message's header.
+            pub fn header(&self) -> &Header {
+                match self { $(Self::$variant(message) => &message.header,)* }
+            }
+
+            /// Adds the message to a run's digest.
+            pub fn digest(&self, digest: &mut Digest) {
+                match self { $(Self::$variant(message) => digest.add($topic, message),)* }
+            }
+        }
+
+        /// The recorder's ports, one per topic.
+        pub struct Inputs {
+            $($field: Input<$variant>,)*
+        }
+
+        impl Inputs {
+            /// Makes them, with large buffers that do not wake.
+            ///
+            /// # Errors
+            /// [`PortError`], as when a topic carries another version of its message.
+            pub fn new(node: &Node) -> Result<Self, PortError> {
+                Ok(Self { $($field: node.input_with($topic, InputOptions::recorder())?,)* })
+            }
+
+            /// Takes every message that waits and hands it to `take`; how many there were.
+            ///
+            /// # Errors
+            /// [`PortError::Receive`].
+            pub fn drain(&mut self, mut take: impl FnMut(&Recorded)) -> Result<u64, PortError> {
+                let mut count = 0;
+                $(while self.$field.take()? {
+                    if let Some(message) = self.$field.message() {
+                        take(&message.into());
+                        count += 1;
+                    }
+                })*
+                Ok(count)
+            }
+
+            /// Messages lost at each port: gaps in the sequence numbers.
+            pub fn lost(&self) -> PerTopic {
+                [$(self.$field.lost(),)*]
+            }
+        }
+    };
+}
+
+topics! {
+    lidar: LidarFrame on topic::LIDAR;
+    scene: Scene on topic::SCENE;
+    outcome: Outcome on topic::OUTCOME;
+    robot_belief: RobotBelief on topic::ROBOT_BELIEF;
+    human_belief: HumanBelief on topic::HUMAN_BELIEF;
+    comm_action: CommAction on topic::COMM_ACTION;
+    display: Display on topic::DISPLAY;
+    driver_action: DriverAction on topic::DRIVER_ACTION;
+    control: Control on topic::CONTROL;
+    report: Report on topic::REPORT;
+}
+
+/// A count per topic, in the order of [`TOPICS`].
+pub type PerTopic = [u64; TOPICS.len()];
+
+impl Topic {
+    /// Whether the topic belongs to what a lockstep run repeats byte for byte. `run/control` and `run/report` do not:
+    /// they carry operating-system process ids and times.
+    pub fn is_repeatable(&self) -> bool {
+        self.name != topic::CONTROL && self.name != topic::REPORT
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_knows_its_topic() {
+        let mut display = Display::ZERO;
+        display.header.step = 7;
+        let recorded = Recorded::from(&display);
+        assert_eq!(TOPICS[recorded.topic()].name, "comm/display");
+        assert_eq!(recorded.bytes(), display.bytes());
+        assert_eq!(recorded.header().step, 7);
+    }
+}

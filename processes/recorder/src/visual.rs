@@ -1,0 +1,327 @@
+//! Derives what Foxglove's 3D panel draws: LIDAR returns as scans, cars and utterances as markers, frames as transforms.
+//!
+//! Frames: `map` is the world's; `base_link` lies on the road below the middle of the ego car, x ahead; `lidar` on its
+//! roof; `lidar_low`, `lidar_mid` and `lidar_high` at the middle of the sensor's height bands.
+
+use crate::cdr::Cdr;
+use crate::ros::{
+    Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, Pose, Schema, Shape, Stamp, TF_MESSAGE,
+    Transform, write_markers, write_transforms,
+};
+use crate::topics::Recorded;
+use messages::{AZIMUTHS, Display, HEIGHT_BANDS, Header, LidarFrame, Message, ObjectPose, Scene};
+
+/// Reach of the LIDAR in metres (DESIGN §4).
+const REACH_M: f32 = 40.0;
+/// How long an utterance stays in the picture, in steps: about 3.5 s of the highway's 0.15 s.
+const UTTERANCE_STEPS: u32 = 23;
+/// Height drawn for every car; messages carry none.
+const CAR_HEIGHT_M: f64 = 1.5;
+/// Height of the LIDAR on the roof (DESIGN §11).
+const LIDAR_HEIGHT_M: f64 = 1.7;
+/// Frames of the height bands and the heights of their middles.
+const BANDS: [(&str, f64); HEIGHT_BANDS] =
+    [("lidar_low", 0.25), ("lidar_mid", 0.75), ("lidar_high", 1.35)];
+
+const EGO: Colour = [0.15, 0.45, 0.95, 1.0];
+const UNSEEN: Colour = [0.45, 0.45, 0.45, 0.5];
+const SEEN: Colour = [0.85, 0.85, 0.85, 1.0];
+const HIGHLIGHTED: Colour = [1.0, 0.65, 0.0, 1.0];
+const TOUCHED: Colour = [0.9, 0.1, 0.1, 1.0];
+const PAINT: Colour = [0.9, 0.9, 0.9, 0.9];
+
+/// Where derived messages go: an index into [`CHANNELS`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Scan of the lowest height band; the others follow.
+    Scan = 0,
+    /// Cars and utterances.
+    Markers = HEIGHT_BANDS as isize,
+    /// Road lines, once.
+    Road,
+    /// Frames.
+    Transforms,
+}
+
+/// Derived channels: topic and type.
+pub const CHANNELS: [(&str, Schema); HEIGHT_BANDS + 3] = [
+    ("/viz/scan_low", LASER_SCAN),
+    ("/viz/scan_mid", LASER_SCAN),
+    ("/viz/scan_high", LASER_SCAN),
+    ("/viz/markers", MARKER_ARRAY),
+    ("/viz/road", MARKER_ARRAY),
+    ("/tf", TF_MESSAGE),
+];
+
+/// A line painted on the road, or its edge.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct RoadLine {
+    /// Points in the world's frame, in metres.
+    pub points_m: Vec<[f64; 2]>,
+    /// Whether the line is broken, as between lanes.
+    pub dashed: bool,
+}
+
+/// Follows the messages and derives from each what is to be drawn.
+#[derive(Debug)]
+pub struct Visuals {
+    lidar: LidarFrame,
+    scene: Scene,
+    display: Display,
+    /// The car that the ego car touched in this episode, if any.
+    touched: Option<i32>,
+    /// Text of the last utterance, and the step at which it began.
+    utterance: Option<(String, u32)>,
+    cdr: Cdr,
+}
+
+impl Default for Visuals {
+    fn default() -> Self {
+        Self {
+            lidar: LidarFrame::ZERO,
+            scene: Scene::ZERO,
+            display: Display::ZERO,
+            touched: None,
+            utterance: None,
+            cdr: Cdr::default(),
+        }
+    }
+}
+
+impl Visuals {
+    /// Takes in `message` and hands every message derived from it to `emit` as channel and encapsulated body.
+    pub fn derive(&mut self, message: &Recorded, emit: &mut impl FnMut(usize, &[u8])) {
+        match message {
+            Recorded::LidarFrame(frame) => {
+                self.lidar = *frame;
+                self.scans(emit);
+            }
+            Recorded::Scene(scene) => {
+                if scene.header.episode != self.scene.header.episode {
+                    (self.touched, self.utterance) = (None, None);
+                    self.display = Display::ZERO;
+                }
+                self.scene = *scene;
+                self.transforms(emit);
+                self.markers(emit);
+            }
+            Recorded::Outcome(outcome) if outcome.collided != 0 => {
+                self.touched = Some(outcome.other);
+                self.markers(emit);
+            }
+            Recorded::Display(display) => {
+                if display.utterance_count > 0 {
+                    let text = text(&display.utterances[0].text);
+                    self.utterance = Some((text, display.header.step));
+                }
+                self.display = *display;
+                self.markers(emit);
+            }
+            _ => {}
+        }
+    }
+
+    /// The road's lines, to be written once at the start of a recording.
+    pub fn road(lines: &[RoadLine], time_ns: u64, cdr: &mut Cdr) {
+        let stamp = Stamp { time_ns, frame: "map" };
+        let markers: Vec<Marker> = (0..).zip(lines).map(|(id, line)| road_line(stamp, id, line)).collect();
+        write_markers(&markers, cdr);
+    }
+
+    fn scans(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
+        for (band, (frame, _)) in BANDS.into_iter().enumerate() {
+            let normalised = &self.lidar.range[band * AZIMUTHS..][..AZIMUTHS];
+            let mut ranges_m = [f32::INFINITY; AZIMUTHS];
+            let mut intensities = [0.0; AZIMUTHS];
+            for azimuth in 0..AZIMUTHS {
+                if normalised[azimuth] < 1.0 {
+                    ranges_m[azimuth] = normalised[azimuth] * REACH_M;
+                    intensities[azimuth] = self.lidar.speed_mps[azimuth];
+                }
+            }
+            LaserScan {
+                stamp: Stamp { time_ns: sensed_ns(&self.lidar.header), frame },
+                increment_rad: core::f32::consts::TAU / AZIMUTHS as f32,
+                range_max_m: REACH_M,
+                ranges_m: &ranges_m,
+                intensities: &intensities,
+            }
+            .write(&mut self.cdr);
+            emit(Channel::Scan as usize + band, self.cdr.bytes());
+        }
+    }
+
+    fn transforms(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
+        let time_ns = sensed_ns(&self.scene.header);
+        let link = |frame, child, position, heading_rad| Transform {
+            stamp: Stamp { time_ns, frame },
+            child,
+            pose: Pose { position, heading_rad },
+        };
+        let ego = &self.scene.ego;
+        let band = |index: usize| {
+            let (frame, height) = BANDS[index];
+            link("lidar", frame, [0.0, 0.0, height - LIDAR_HEIGHT_M], 0.0)
+        };
+        let transforms = [
+            link("map", "base_link", [ego.x_m, ego.y_m, 0.0], f64::from(ego.heading_rad)),
+            link("base_link", "lidar", [0.0, 0.0, LIDAR_HEIGHT_M], 0.0),
+            band(0),
+            band(1),
+            band(2),
+        ];
+        write_transforms(&transforms, &mut self.cdr);
+        emit(Channel::Transforms as usize, self.cdr.bytes());
+    }
+
+    fn markers(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
+        write_markers(&self.marker_list(), &mut self.cdr);
+        emit(Channel::Markers as usize, self.cdr.bytes());
+    }
+
+    /// Everything that moves, after a marker that clears what was drawn before.
+    fn marker_list(&self) -> Vec<Marker> {
+        let scene = &self.scene;
+        let stamp = Stamp { time_ns: sensed_ns(&scene.header), frame: "map" };
+        let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
+        markers.push(car(stamp, "ego", &scene.ego, EGO));
+        let count = (scene.count as usize).min(scene.objects.len());
+        for object in &scene.objects[..count] {
+            markers.push(car(stamp, "car", object, self.colour(object.id)));
+        }
+        if let Some((said, step)) = &self.utterance
+            && scene.header.step.saturating_sub(*step) < UTTERANCE_STEPS
+        {
+            let mut marker = Marker::new(stamp, "utterance", 0, Shape::Text);
+            marker.pose.position = [scene.ego.x_m, scene.ego.y_m, 2.0 * CAR_HEIGHT_M];
+            marker.scale = [1.0, 1.0, 1.0];
+            marker.text.clone_from(said);
+            markers.push(marker);
+        }
+        markers
+    }
+
+    fn colour(&self, id: i32) -> Colour {
+        let highlighted = (self.display.object_count as usize).min(self.display.objects.len());
+        if self.touched == Some(id) {
+            TOUCHED
+        } else if self.display.objects[..highlighted].contains(&id) {
+            HIGHLIGHTED
+        } else if self.lidar.object.contains(&id) {
+            SEEN
+        } else {
+            UNSEEN
+        }
+    }
+}
+
+/// When the world sensed what a message shows; when it was sent, where it does not say.
+fn sensed_ns(header: &Header) -> u64 {
+    if header.cause_ns == 0 { header.sent_ns } else { header.cause_ns }
+}
+
+fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: Colour) -> Marker {
+    let mut marker = Marker::new(stamp, namespace, object.id, Shape::Cube);
+    marker.pose = Pose {
+        position: [object.x_m, object.y_m, 0.5 * CAR_HEIGHT_M],
+        heading_rad: f64::from(object.heading_rad),
+    };
+    marker.scale = [f64::from(object.length_m), f64::from(object.width_m), CAR_HEIGHT_M];
+    marker.colour = colour;
+    marker
+}
+
+/// A broken line draws every other of its pieces.
+fn road_line(stamp: Stamp, id: i32, line: &RoadLine) -> Marker {
+    let shape = if line.dashed { Shape::LineList } else { Shape::LineStrip };
+    let mut marker = Marker::new(stamp, "road", id, shape);
+    marker.scale = [0.15, 0.0, 0.0];
+    marker.colour = PAINT;
+    let pieces = if line.dashed { line.points_m.len() & !1 } else { line.points_m.len() };
+    marker.points = line.points_m[..pieces].iter().map(|&[x, y]| [x, y, 0.0]).collect();
+    marker
+}
+
+/// Zero-padded text, with whatever is not UTF-8 replaced.
+pub fn text(padded: &[u8]) -> String {
+    let end = padded.iter().position(|&byte| byte == 0).unwrap_or(padded.len());
+    String::from_utf8_lossy(&padded[..end]).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two cars, of which the LIDAR sees number 5, at step `step`.
+    fn drive(visuals: &mut Visuals, step: u32) {
+        let mut lidar = LidarFrame::ZERO;
+        lidar.object = [-1; AZIMUTHS];
+        lidar.object[0] = 5;
+        let mut scene = Scene::ZERO;
+        (lidar.header.step, scene.header.step) = (step, step);
+        (scene.ego.id, scene.ego.x_m, scene.ego.y_m) = (-1, 10.0, -2.0);
+        (scene.objects[0].id, scene.objects[1].id, scene.count) = (5, 6, 2);
+        scene.objects[1].length_m = 4.5;
+        visuals.derive(&(&lidar).into(), &mut |_, _| {});
+        visuals.derive(&(&scene).into(), &mut |_, _| {});
+    }
+
+    fn colours(visuals: &Visuals) -> Vec<(i32, Colour)> {
+        let markers = visuals.marker_list();
+        let cubes = markers.iter().filter(|marker| marker.shape == Shape::Cube);
+        cubes.map(|marker| (marker.id, marker.colour)).collect()
+    }
+
+    #[test]
+    fn cars_are_coloured_by_what_is_known_of_them() {
+        let mut visuals = Visuals::default();
+        drive(&mut visuals, 0);
+        assert_eq!(colours(&visuals), [(-1, EGO), (5, SEEN), (6, UNSEEN)]);
+        let mut display = Display::ZERO;
+        (display.objects[0], display.object_count) = (5, 1);
+        visuals.derive(&(&display).into(), &mut |_, _| {});
+        assert_eq!(colours(&visuals), [(-1, EGO), (5, HIGHLIGHTED), (6, UNSEEN)]);
+        let mut outcome = messages::Outcome::ZERO;
+        (outcome.collided, outcome.other) = (1, 6);
+        visuals.derive(&(&outcome).into(), &mut |_, _| {});
+        assert_eq!(colours(&visuals)[2], (6, TOUCHED));
+        let markers = visuals.marker_list();
+        assert_eq!(markers[0].shape, Shape::DeleteAll);
+        assert_eq!(markers[1].pose.position, [10.0, -2.0, 0.75]);
+        assert_eq!(markers[3].scale[0], 4.5);
+    }
+
+    #[test]
+    fn an_utterance_stays_in_the_picture_for_a_while() {
+        let mut visuals = Visuals::default();
+        drive(&mut visuals, 10);
+        let mut display = Display::ZERO;
+        display.header.step = 10;
+        display.utterance_count = 1;
+        display.utterances[0].text[..4].copy_from_slice(b"Fast");
+        visuals.derive(&(&display).into(), &mut |_, _| {});
+        let said = |visuals: &Visuals| {
+            let markers = visuals.marker_list();
+            let text = markers.iter().find(|marker| marker.shape == Shape::Text);
+            text.map(|marker| marker.text.clone())
+        };
+        assert_eq!(said(&visuals).as_deref(), Some("Fast"));
+        drive(&mut visuals, 9 + UTTERANCE_STEPS);
+        assert_eq!(said(&visuals).as_deref(), Some("Fast"));
+        drive(&mut visuals, 10 + UTTERANCE_STEPS);
+        assert_eq!(said(&visuals), None);
+    }
+
+    #[test]
+    fn every_message_is_drawn_on_its_channels() {
+        let mut visuals = Visuals::default();
+        let mut channels = Vec::new();
+        for message in [(&LidarFrame::ZERO).into(), (&Scene::ZERO).into(), (&Display::ZERO).into()] {
+            visuals.derive(&message, &mut |channel, body| channels.push((channel, body.len())));
+        }
+        let used: Vec<_> = channels.iter().map(|(channel, _)| CHANNELS[*channel].0).collect();
+        let scans = ["/viz/scan_low", "/viz/scan_mid", "/viz/scan_high"];
+        assert_eq!(used[..3], scans);
+        assert_eq!(used[3..], ["/tf", "/viz/markers", "/viz/markers"]);
+    }
+}

@@ -1,0 +1,209 @@
+//! Writes what a person at the terminal should notice, one line per event.
+
+use crate::content::Options;
+use domains::highway::LIDAR_RANGE_M;
+use domains::highway::speech::{SECTOR_AZIMUTHS, SECTOR_NAMES};
+use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Outcome, SECTORS, Utterance};
+use std::io::{self, Write};
+
+/// Seconds for which a sector must have been dark before its next highlight is an event again.
+const DARK_S: f32 = 1.5;
+
+const BOLD: &str = "\x1b[1m";
+const CYAN: &str = "\x1b[36m";
+const YELLOW: &str = "\x1b[33m";
+const RED: &str = "\x1b[31m";
+const PLAIN: &str = "\x1b[0m";
+
+/// The lines, written to `out`; its errors are left to `out`, because a closed terminal must not stop a run.
+pub struct Events<W> {
+    out: W,
+    colours: bool,
+    step_s: f32,
+    dark_steps: u32,
+    episode: Option<u32>,
+    /// Step at which each sector was last highlighted in this episode.
+    lit: [Option<u32>; SECTORS],
+}
+
+impl<W: Write> Events<W> {
+    /// Writes to `out`, with colours if it is a terminal.
+    pub fn new(out: W, colours: bool, options: &Options) -> Self {
+        Self {
+            out,
+            colours,
+            step_s: options.step_s,
+            dark_steps: (DARK_S / options.step_s).ceil() as u32,
+            episode: None,
+            lit: [None; SECTORS],
+        }
+    }
+
+    /// What is shown and said now, as far as it is news.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn display(&mut self, display: &Display, frame: &LidarFrame) -> io::Result<()> {
+        let (episode, step) = (frame.header.episode, frame.header.step);
+        self.enter(episode)?;
+        let spoken = (display.utterance_count as usize).min(display.utterances.len());
+        for utterance in &display.utterances[..spoken] {
+            self.say(step, utterance)?;
+        }
+        let mut news = 0;
+        for sector in (0..SECTORS).filter(|sector| display.highlighted >> sector & 1 == 1) {
+            let dark = self.lit[sector].is_none_or(|lit| step.saturating_sub(lit) > self.dark_steps);
+            news |= u32::from(dark) << sector;
+            self.lit[sector] = Some(step);
+        }
+        if news != 0 { self.show(step, news, frame) } else { Ok(()) }
+    }
+
+    /// A collision or the end of an episode.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn outcome(&mut self, outcome: &Outcome) -> io::Result<()> {
+        self.enter(outcome.header.episode)?;
+        let step = outcome.header.step;
+        if outcome.collided != 0 {
+            match outcome.other {
+                -2 => self.line(step, RED, "CRASH", format_args!("left the road"))?,
+                car => self.line(step, RED, "CRASH", format_args!("hit car {car}"))?,
+            }
+        }
+        let how = match outcome.end {
+            1 => "goal reached",
+            2 => "ended by a collision",
+            3 => "out of time",
+            _ => return Ok(()),
+        };
+        self.line(step, BOLD, "END", format_args!("episode {}: {how}", outcome.header.episode))
+    }
+
+    fn enter(&mut self, episode: u32) -> io::Result<()> {
+        if self.episode != Some(episode) {
+            self.episode = Some(episode);
+            self.lit = [None; SECTORS];
+            self.line(0, BOLD, "START", format_args!("episode {episode}"))?;
+        }
+        Ok(())
+    }
+
+    fn say(&mut self, step: u32, utterance: &Utterance) -> io::Result<()> {
+        let text = utterance.text.split(|&byte| byte == 0).next().unwrap_or_default();
+        let text = String::from_utf8_lossy(text);
+        let sector = SECTOR_NAMES.get(utterance.sector as usize).unwrap_or(&"?");
+        let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
+        match utterance.kind {
+            0 => self.line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),
+            _ => self.line(
+                step,
+                CYAN,
+                "SAY",
+                format_args!("“{text}”  {sector} {range_m:.0} m {speed_mps:.1} m/s"),
+            ),
+        }
+    }
+
+    fn show(&mut self, step: u32, sectors: u32, frame: &LidarFrame) -> io::Result<()> {
+        let mut what = String::new();
+        for sector in (0..SECTORS).filter(|sector| sectors >> sector & 1 == 1) {
+            let comma = if what.is_empty() { "" } else { ", " };
+            what += comma;
+            what += SECTOR_NAMES[sector];
+            match nearest_in(frame, sector) {
+                Some((range_m, speed_mps)) => what += &format!(" {range_m:.0} m {speed_mps:.1} m/s"),
+                None => what += " (no car)",
+            }
+        }
+        self.line(step, YELLOW, "SHOW", format_args!("{what}"))
+    }
+
+    fn line(&mut self, step: u32, colour: &str, word: &str, rest: core::fmt::Arguments) -> io::Result<()> {
+        let (colour, plain) = if self.colours { (colour, PLAIN) } else { ("", "") };
+        let time_s = step as f32 * self.step_s;
+        writeln!(self.out, "{time_s:7.2} s  {colour}{word:<5}{plain}  {rest}")
+    }
+}
+
+/// Range in metres and speed of the nearest car in `sector`, if there is one in range.
+fn nearest_in(frame: &LidarFrame, sector: usize) -> Option<(f32, f32)> {
+    let (first, last) = SECTOR_AZIMUTHS[sector];
+    let range = |azimuth: usize| {
+        let bands = (0..HEIGHT_BANDS).map(|band| frame.range[band * AZIMUTHS + azimuth]);
+        bands.fold(1.0, f32::min)
+    };
+    let seen = (first..=last).filter(|azimuth| range(*azimuth) < 1.0);
+    let nearest = seen.min_by(|a, b| range(*a).total_cmp(&range(*b)))?;
+    Some((range(nearest) * LIDAR_RANGE_M, frame.speed_mps[nearest]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::content::Renderer;
+    use messages::{CommAction, Message};
+
+    fn frame(step: u32) -> LidarFrame {
+        let mut frame = LidarFrame::ZERO;
+        frame.header.step = step;
+        frame.range = [1.0; messages::BEAMS];
+        frame.object = [-1; messages::AZIMUTHS];
+        for azimuth in [0, 18] {
+            frame.range[azimuth] = 23.0 / 40.0;
+            frame.object[azimuth] = azimuth as i32;
+            frame.speed_mps[azimuth] = 18.2;
+        }
+        frame
+    }
+
+    fn lines(write: impl FnOnce(&mut Events<&mut Vec<u8>>)) -> Vec<String> {
+        let mut out = Vec::new();
+        write(&mut Events::new(&mut out, false, &Options::default()));
+        String::from_utf8_lossy(&out).lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn a_highlight_that_stays_is_one_line_and_so_is_an_utterance() {
+        let mut renderer = Renderer::new(&Options::default());
+        let mut decision = CommAction::ZERO;
+        decision.visual = 1;
+        decision.verbal = 1 << 3;
+        let lines = lines(|events| {
+            for step in 80..100 {
+                let mut display = Display::ZERO;
+                decision.header.step = step;
+                renderer.render(&frame(step), Some(&decision), &mut display);
+                let _ = events.display(&display, &frame(step));
+            }
+        });
+        assert_eq!(lines.len(), 3, "{lines:#?}");
+        assert_eq!(lines[0], "   0.00 s  START  episode 0");
+        assert!(lines[1].starts_with("  12.00 s  SAY    “Fast car "), "{}", lines[1]);
+        assert!(lines[1].ends_with("”  rear 23 m 18.2 m/s"), "{}", lines[1]);
+        assert_eq!(lines[2], "  12.00 s  SHOW   front 23 m 18.2 m/s");
+    }
+
+    #[test]
+    fn a_highlight_after_a_dark_while_is_news_again() {
+        let mut display = Display::ZERO;
+        display.highlighted = 1;
+        let lines = lines(|events| {
+            for step in [1, 3, 5, 40] {
+                let _ = events.display(&display, &frame(step));
+            }
+        });
+        let shown: Vec<_> = lines.iter().filter(|line| line.contains("SHOW")).collect();
+        assert_eq!(shown.len(), 2, "{lines:#?}");
+    }
+
+    #[test]
+    fn collisions_and_ends_are_told() {
+        let mut outcome = Outcome::ZERO;
+        outcome.header.step = 20;
+        (outcome.collided, outcome.other, outcome.end) = (1, 4, 2);
+        let lines = lines(|events| drop(events.outcome(&outcome)));
+        assert_eq!(lines[1..], ["   3.00 s  CRASH  hit car 4", "   3.00 s  END    episode 0: ended by a collision"]);
+    }
+}

@@ -1,0 +1,125 @@
+//! The renderer in a run: in lockstep every frame gets the display that its decision asks for.
+
+use messages::{
+    AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, topic,
+};
+use renderer::{Options, Renderer};
+use runtime::{
+    ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments, Stamp,
+    Wake, now_ns,
+};
+
+const STEPS: u32 = 60;
+
+/// Cars ahead and behind that come nearer with every step.
+fn frame(episode: u32, step: u32) -> LidarFrame {
+    let mut frame = LidarFrame::ZERO;
+    (frame.header.episode, frame.header.step) = (episode, step);
+    frame.range = [1.0; BEAMS];
+    frame.object = [-1; AZIMUTHS];
+    for (azimuth, speed_mps) in [(0, 3.0), (18, 18.0)] {
+        frame.range[azimuth] = 0.9 - 0.01 * step as f32;
+        frame.object[azimuth] = azimuth as i32;
+        frame.speed_mps[azimuth] = speed_mps;
+    }
+    frame
+}
+
+fn decision(episode: u32, step: u32) -> CommAction {
+    let mut decision = CommAction::ZERO;
+    (decision.header.episode, decision.header.step) = (episode, step);
+    decision.visual = u32::from(step % 3 == 0);
+    decision.verbal = u32::from(step % 7 == 0) << 3;
+    decision.verbal_probability[3] = 0.9;
+    decision
+}
+
+/// World and planner in one: sends a frame, waits for its display, sends the next decision.
+struct Others {
+    node: Node,
+    lidar: Output<LidarFrame>,
+    decision: Output<CommAction>,
+    _outcome: Output<Outcome>,
+    display: Input<Display>,
+}
+
+impl Others {
+    fn join(arguments: &RunArguments) -> anyhow::Result<Self> {
+        let node = Node::join(arguments)?;
+        Ok(Self {
+            lidar: node.output(topic::LIDAR)?,
+            decision: node.output(topic::COMM_ACTION)?,
+            _outcome: node.output(topic::OUTCOME)?,
+            display: node.input(topic::DISPLAY, Receive::InOrder)?,
+            node,
+        })
+    }
+
+    fn run(mut self) -> anyhow::Result<Vec<Display>> {
+        let mut displays = Vec::new();
+        self.node.ready()?;
+        for (episode, step) in (0..2).flat_map(|episode| (0..STEPS).map(move |step| (episode, step))) {
+            let stamp = Stamp { episode, step, cause_ns: 1 + u64::from(step) };
+            self.lidar.send_with(stamp, |place| *place = frame(episode, step))?;
+            if self.node.wait_step(&mut [&mut self.display], episode, step, None)? == Wake::Stop {
+                break;
+            }
+            displays.extend(self.display.message());
+            self.decision.send_with(stamp.next(), |place| *place = decision(episode, step + 1))?;
+        }
+        self.node.finish()?;
+        Ok(displays)
+    }
+}
+
+#[test]
+fn every_frame_gets_its_display() -> anyhow::Result<()> {
+    let root = tempfile::tempdir()?;
+    let lock = InstanceLock::acquire(root.path(), "render")?;
+    let mut launcher = Launcher::open(lock, 42, ClockMode::Lockstep)?;
+    let process = |name: &str, index| RunArguments {
+        launcher_pid: 0, // threads of this process, not children of a launcher
+        ..launcher.arguments().for_process(name, index)
+    };
+    let (ours, theirs) = (process("renderer", 0), process("others", 1));
+    let options = Options { print: false, ..Options::default() };
+    let same = options.clone();
+    let renderer = std::thread::spawn(move || renderer::run(&ours, &same));
+    let others = std::thread::spawn(move || Others::join(&theirs)?.run());
+    let deadline = now_ns() + 60_000_000_000;
+    launcher.wait_ready(&["renderer", "others"], &[], deadline)?;
+    launcher.start()?;
+    let mut running = 2;
+    while running > 0 {
+        anyhow::ensure!(launcher.wait(&[], Some(deadline))? == LauncherWake::Report, "no end");
+        while let Some(report) = launcher.next_report()? {
+            anyhow::ensure!(report.state != 4, "a process failed");
+            if report.state == 3 {
+                running -= 1;
+                launcher.stop()?;
+            }
+        }
+    }
+    let displays = others.join().expect("no panic")?;
+    renderer.join().expect("no panic")?;
+
+    assert_eq!(displays.len(), 2 * STEPS as usize);
+    let mut expected = Renderer::new(&options);
+    let (mut spoken, mut shown) = (0, 0);
+    for display in &displays {
+        let (episode, step) = (display.header.episode, display.header.step);
+        assert_eq!(display.header.cause_ns, 1 + u64::from(step));
+        let mut wanted = Display::ZERO;
+        let decision = decision(episode, step);
+        let decided = (step > 0).then_some(&decision);
+        expected.render(&frame(episode, step), decided, &mut wanted);
+        wanted.header = display.header;
+        assert_eq!(display, &wanted);
+        spoken += display.utterance_count;
+        shown += display.highlighted;
+    }
+    // Every seventh step wants to speak, 24 steps after the last utterance at the earliest: steps 7 and 35.
+    assert_eq!(spoken, 2 * 2);
+    assert_eq!(shown, 2 * ((STEPS - 1) / 3));
+    Ok(())
+}

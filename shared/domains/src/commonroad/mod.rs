@@ -1,0 +1,21 @@
+//! Recorded traffic: CommonRoad scenarios as roads, traffic and drivers (DESIGN §4).
+//!
+//! [`Scenario::read`] reads a file; [`Scenario::course`] makes road and traffic of it for the highway world;
+//! [`Scene::from_commonroad`](crate::highway::Scene::from_commonroad) does both; [`RecordedSeat`] drives as one of the
+//! recorded people.
+
+mod course;
+mod error;
+mod lanes;
+mod read;
+mod scenario;
+mod seat;
+mod xml;
+
+pub use course::{GoalRegion, between, box_pose};
+pub use error::{CommonRoadError, READ_VERSIONS};
+pub use lanes::LaneletMap;
+pub use scenario::{
+    Adjacent, Goal, Lanelet, LocalBox, Obstacle, Place, PlanningProblem, Scenario, Shape, State, wrap,
+};
+pub use seat::{RecordedActions, RecordedSeat};

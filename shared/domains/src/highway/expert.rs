@@ -1,0 +1,176 @@
+//! An expert that sees everything, for imitation in training: it tries a few manoeuvres in its head and takes the best.
+
+use super::control::Cockpit;
+use super::traffic::Motion;
+use super::world::World;
+use super::{EGO_AHEAD_M, road::wrap_angle};
+
+/// Seconds that a manoeuvre is imagined for; long enough to see a rusher from 60 m behind arrive.
+const HORIZON_S: f64 = 7.5;
+/// Time step of imagination.
+const STEP_S: f64 = 0.25;
+/// Speeds that it considers.
+const SPEEDS_MPS: [f64; 4] = [37.5 / 3.6, 8.0, 4.0, 0.0];
+/// How long it considers waiting before a lane change.
+const DELAYS_S: [f64; 3] = [0.0, 1.25, 2.5];
+/// Sideways speed of an imagined lane change.
+const ASIDE_MPS: f64 = 1.5;
+/// Space that it keeps to other cars.
+const MARGIN_M: [f64; 2] = [2.0, 0.4];
+/// Most cars that it considers, nearest lanes first.
+const MAX_CARS: usize = 64;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Imagined {
+    s: f64,
+    d: f64,
+    speed: f64,
+    slows_at: f64,
+    slow: f64,
+    cruise: f64,
+    acceleration: f64,
+    deceleration: f64,
+    half_length: f64,
+    half_width: f64,
+}
+
+/// The expert driver.
+#[derive(Clone, Debug)]
+pub struct Expert {
+    cockpit: Cockpit,
+    lane: usize,
+    cars: [Imagined; MAX_CARS],
+    count: usize,
+}
+
+impl Expert {
+    /// An expert for a world.
+    pub fn new(world: &World) -> Self {
+        let cockpit = Cockpit::new(world.scene(), world.road(), world.ego().at.s_m);
+        Self { cockpit, lane: world.ego().lane, cars: [Imagined::default(); MAX_CARS], count: 0 }
+    }
+
+    /// Prepares for a new round of the same world.
+    pub fn reset(&mut self, world: &World) {
+        *self = Self::new(world);
+    }
+
+    /// The action it takes now.
+    pub fn act(&mut self, world: &World) -> [f32; 2] {
+        self.look(world);
+        let ego = *world.ego();
+        let road = world.road();
+        let mut best = (f64::NEG_INFINITY, self.lane, SPEEDS_MPS[0]);
+        for lane in self.lane.saturating_sub(1)..=(self.lane + 1).min(road.lanes().len() - 1) {
+            let delays: &[f64] = if lane == self.lane { &DELAYS_S[..1] } else { &DELAYS_S };
+            for &delay in delays {
+                for speed in SPEEDS_MPS {
+                    let mut value = self.imagine(world, lane, delay, speed);
+                    // What is being done already is worth a little: no dithering between equals.
+                    if lane == self.lane {
+                        value += 1.0;
+                    }
+                    if value > best.0 {
+                        best = (value, if delay == 0.0 { lane } else { self.lane }, speed);
+                    }
+                }
+            }
+        }
+        self.lane = best.1;
+        let s = ego.at.s_m;
+        let aside = road.lane_offset_m(self.lane, s) - ego.at.d_m;
+        let error = wrap_angle(ego.pose.heading_rad - road.heading_rad(s));
+        let curvature = road.turn_ahead_rad(s, EGO_AHEAD_M / 2.0) / (EGO_AHEAD_M / 2.0);
+        let speed = ego.speed_mps as f32;
+        let steer =
+            self.cockpit.steer(aside as f32, error as f32, curvature as f32, speed, 0.8, 0.25, 0.4);
+        let acceleration = ((best.2 - ego.speed_mps) / 0.4).clamp(-7.0, 4.0) as f32;
+        [self.cockpit.pedal(acceleration, speed), steer]
+    }
+
+    /// Notes the cars within reach of the horizon, with what they are going to do.
+    fn look(&mut self, world: &World) {
+        self.count = 0;
+        let here = world.ego().at.s_m;
+        for (car, participant) in world.objects().iter().zip(world.participants()) {
+            if !car.present || (car.at.s_m - here).abs() > 160.0 || self.count == MAX_CARS {
+                continue;
+            }
+            let mut imagined = Imagined {
+                s: car.at.s_m,
+                d: car.at.d_m,
+                speed: car.speed_mps,
+                slows_at: f64::INFINITY,
+                cruise: car.speed_mps,
+                slow: car.speed_mps,
+                acceleration: 3.0,
+                deceleration: 4.0,
+                half_length: car.half_length_m,
+                half_width: car.half_width_m,
+            };
+            if let Motion::Lane(motion) = &participant.motion {
+                imagined.slows_at = motion.slows_at_m;
+                imagined.cruise = motion.speed_mps;
+                imagined.slow = motion.slow_speed_mps;
+                imagined.acceleration = motion.acceleration_mps2;
+                imagined.deceleration = motion.deceleration_mps2;
+            }
+            self.cars[self.count] = imagined;
+            self.count += 1;
+        }
+    }
+
+    /// Value of moving to `lane` after `delay` at `wanted` speed: the reward's terms over the horizon, with a collision
+    /// that weighs the more the sooner it comes.
+    fn imagine(&self, world: &World, lane: usize, delay: f64, wanted: f64) -> f64 {
+        let (road, ego) = (world.road(), world.ego());
+        let weights = &world.scene().reward;
+        let top = weights.top_speed_kmh / 3.6;
+        let (mut at, mut speed) = (ego.at, ego.speed_mps);
+        let (half_length, half_width) = (ego.length_m / 2.0, ego.width_m / 2.0);
+        let mut cars = self.cars;
+        let mut value = if lane == self.lane { 0.0 } else { -weights.change };
+        let mut discount = 1.0;
+        let steps = (HORIZON_S / STEP_S) as usize;
+        for step in 0..steps {
+            let time = (step + 1) as f64 * STEP_S;
+            speed += (wanted - speed).clamp(-6.0 * STEP_S, 3.0 * STEP_S);
+            at.s_m += speed * STEP_S;
+            let target = if time > delay { lane } else { self.lane };
+            let aside = road.lane_offset_m(target, at.s_m) - at.d_m;
+            // A lane change takes time to set in, and a standing car does not move sideways.
+            let rate = ASIDE_MPS.min(0.25 * speed) * STEP_S;
+            at.d_m += aside.clamp(-rate, rate);
+            let near = road.lane_near(at);
+            let mut close = false;
+            for car in &mut cars[..self.count] {
+                let cruise = if car.s >= car.slows_at { car.slow } else { car.cruise };
+                if world.moving() || ego.speed_mps > 0.0 || wanted > 0.0 {
+                    car.speed +=
+                        (cruise - car.speed).clamp(-car.deceleration * STEP_S, car.acceleration * STEP_S);
+                    car.s += car.speed * STEP_S;
+                }
+                let along = (car.s - at.s_m).abs() - half_length - car.half_length;
+                let across = (car.d - at.d_m).abs() - half_width - car.half_width;
+                if along < MARGIN_M[0] && across < MARGIN_M[1] {
+                    let touching = along < 0.3 && across < 0.1;
+                    value -= if touching { 400.0 } else { 40.0 } * (1.0 - 0.8 * time / HORIZON_S);
+                    if touching {
+                        return value;
+                    }
+                }
+                if along + half_length < weights.far_m && across < 0.0 {
+                    close = true;
+                }
+            }
+            let offset = (at.d_m - road.lane_offset_m(near, at.s_m)).abs();
+            let mut reward = speed / top - weights.center * offset / 1.75;
+            if close {
+                reward -= weights.proximity_far;
+            }
+            value += discount * reward;
+            discount *= 0.97;
+        }
+        value
+    }
+}

@@ -1,0 +1,67 @@
+//! All messages in one list, for whoever treats them alike: the recorder's schemas, tests, documentation.
+
+use crate::*;
+
+/// A message's description.
+#[derive(Clone, Copy, Debug)]
+pub struct Description {
+    /// See [`Message::TYPE_NAME`].
+    pub type_name: &'static str,
+    /// See [`Message::ROS_TYPE`].
+    pub ros_type: &'static str,
+    /// See [`Message::fields`].
+    pub fields: &'static [Field],
+    /// See [`Message::layout`].
+    pub layout: u64,
+    /// Bytes.
+    pub size: usize,
+    /// See [`Message::definition`].
+    pub definition: fn() -> String,
+}
+
+fn describe<M: Message>(visit: &mut impl FnMut(Description)) {
+    visit(Description {
+        type_name: M::TYPE_NAME,
+        ros_type: M::ROS_TYPE,
+        fields: M::fields(),
+        layout: M::layout(),
+        size: size_of::<M>(),
+        definition: M::definition,
+    });
+}
+
+/// Calls `visit` with every message, in the order of a step.
+pub fn for_each_message(mut visit: impl FnMut(Description)) {
+    describe::<Header>(&mut visit);
+    describe::<LidarFrame>(&mut visit);
+    describe::<ObjectPose>(&mut visit);
+    describe::<Scene>(&mut visit);
+    describe::<Outcome>(&mut visit);
+    describe::<RobotBelief>(&mut visit);
+    describe::<HumanBelief>(&mut visit);
+    describe::<CommAction>(&mut visit);
+    describe::<Utterance>(&mut visit);
+    describe::<Display>(&mut visit);
+    describe::<DriverAction>(&mut visit);
+    describe::<ImagineRequest>(&mut visit);
+    describe::<ImagineAnswer>(&mut visit);
+    describe::<Control>(&mut visit);
+    describe::<PortCount>(&mut visit);
+    describe::<Report>(&mut visit);
+}
+
+/// Type name, layout and ROS 2 definition of every message.
+pub fn all_definitions() -> String {
+    let mut out = String::new();
+    for_each_message(|message| {
+        out.push_str(&format!(
+            "### {} {} layout {:016x} {} bytes\n{}\n",
+            message.type_name,
+            message.ros_type,
+            message.layout,
+            message.size,
+            (message.definition)()
+        ));
+    });
+    out
+}

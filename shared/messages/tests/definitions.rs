@@ -1,0 +1,84 @@
+//! The messages' promises: definitions do not change unnoticed, and memory is CDR.
+
+use messages::{Field, LidarFrame, Message, layout_hash};
+
+#[test]
+fn definitions_are_those_on_record() {
+    let recorded = include_str!("definitions.txt");
+    let current = messages::all_definitions();
+    for (line, (recorded, current)) in recorded.lines().zip(current.lines()).enumerate() {
+        assert_eq!(
+            recorded,
+            current,
+            "definitions.txt:{}: a message changed. Raise its version, then write the file anew: \
+             cargo run -p messages --example definitions > shared/messages/tests/definitions.txt",
+            line + 1
+        );
+    }
+    assert_eq!(recorded.len(), current.len(), "a message was added or removed");
+}
+
+/// Bytes of a CDR primitive.
+fn primitive(element: &str) -> usize {
+    match element {
+        "uint8" => 1,
+        "int32" | "uint32" | "float32" => 4,
+        "uint64" | "float64" => 8,
+        other => panic!("{other} is no primitive that CDR knows"),
+    }
+}
+
+/// Walks `fields` as a CDR writer does, from `position` on, and asserts that it pads nowhere and that every field lies
+/// where memory has it.
+fn walk(name: &str, fields: &[Field], start: usize) -> usize {
+    let mut position = start;
+    for field in fields {
+        assert_eq!(position - start, field.offset, "{name}.{}: memory and CDR differ", field.name);
+        for _ in 0..field.count.unwrap_or(1) {
+            match field.nested {
+                Some(inner) => position = walk(field.element, inner(), position),
+                None => {
+                    let size = primitive(field.element);
+                    assert_eq!(position % size, 0, "{name}.{}: CDR would pad before it", field.name);
+                    position += size;
+                }
+            }
+        }
+        assert_eq!(position - start, field.offset + field.size, "{name}.{}: size", field.name);
+    }
+    position
+}
+
+#[test]
+fn memory_is_the_cdr_body() {
+    let mut checked = 0;
+    messages::for_each_message(|message| {
+        assert_eq!(walk(message.type_name, message.fields, 0), message.size, "{}", message.type_name);
+        checked += 1;
+    });
+    assert!(checked >= 15, "only {checked} messages were checked");
+}
+
+#[test]
+fn layouts_tell_apart_what_names_and_sizes_do_not() {
+    let mut layouts = std::collections::BTreeMap::new();
+    messages::for_each_message(|message| {
+        assert!(message.type_name.starts_with("mirror/"), "{}", message.type_name);
+        if let Some(other) = layouts.insert(message.layout, message.type_name) {
+            panic!("{other} and {} have one layout", message.type_name);
+        }
+    });
+    let definition = LidarFrame::definition();
+    let swapped = definition.replace("int32[36] object\nfloat32[36] speed_mps", "float32[36] speed_mps\nint32[36] object");
+    assert_ne!(definition, swapped, "the definition has the two fields");
+    let hash = |text: &str| layout_hash(&format!("{}\n{text}", LidarFrame::TYPE_NAME));
+    assert_eq!(hash(&definition), LidarFrame::layout());
+    assert_ne!(hash(&swapped), LidarFrame::layout());
+}
+
+#[test]
+fn zero_is_all_zeros() {
+    assert!(messages::Report::ZERO.bytes().iter().all(|byte| *byte == 0));
+    assert!(messages::Display::ZERO.bytes().iter().all(|byte| *byte == 0));
+    assert_eq!(LidarFrame::ZERO.bytes().len(), size_of::<LidarFrame>());
+}

@@ -1,0 +1,150 @@
+//! Answers the planner's one question, "if this group of imagined people saw this, what would they do?", with any human
+//! model. The same code runs in the human-model process and inside experiments; an answer is a pure function of the
+//! belief, the question and its seed.
+
+use crate::human::{Beliefs, HumanModel};
+use crate::observation::{Communicated, Observations};
+use crate::policy::ActionDistribution;
+use nn::{Tensor, noise};
+
+/// Groups of imagined people and their beliefs between questions.
+pub struct ImaginedGroups {
+    groups: Vec<Group>,
+    noise: Vec<f32>,
+    distribution: ActionDistribution,
+}
+
+struct Group {
+    beliefs: Beliefs,
+    actions: Tensor,
+    started: bool,
+}
+
+/// A question about a group that was never started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("group {0} of imagined people was not started")]
+pub struct UnknownGroup(pub usize);
+
+/// Noise streams of one question.
+mod stream {
+    pub const BELIEF: u64 = 1;
+    pub const ACTION: u64 = 2;
+}
+
+impl ImaginedGroups {
+    /// Room for `groups` groups of at most `rows` people.
+    pub fn new(latent: usize, actions: usize, groups: usize, rows: usize) -> Self {
+        let group = || Group {
+            beliefs: Beliefs::new(latent, rows),
+            actions: Tensor::new(actions, rows),
+            started: false,
+        };
+        Self {
+            groups: (0..groups).map(|_| group()).collect(),
+            noise: vec![0.0; latent * rows],
+            distribution: ActionDistribution::new(actions, rows),
+        }
+    }
+
+    /// Makes a group of `rows` people out of the person's present belief and lets them act: `known_action` is what the
+    /// person really does now, where that is known already (step 1 of forward imagination).
+    pub fn start(
+        &mut self,
+        model: &mut dyn HumanModel,
+        person: &Beliefs,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<[f32; 2]>,
+    ) -> Result<&Tensor, UnknownGroup> {
+        let Some(Group {
+            beliefs,
+            actions,
+            started,
+        }) = self.groups.get_mut(group)
+        else {
+            return Err(UnknownGroup(group));
+        };
+        self.noise.resize(person.mean.rows() * rows, 0.0);
+        noise::fill(&mut self.noise, seed, stream::BELIEF);
+        beliefs.spread(person, rows, &self.noise);
+        *started = true;
+        match known_action {
+            Some(action) => {
+                actions.resize_to(action.len(), rows);
+                for j in 0..rows {
+                    actions.column_mut(j).copy_from_slice(&action);
+                }
+            }
+            None => act(
+                model,
+                beliefs,
+                seed,
+                &mut self.noise,
+                &mut self.distribution,
+                actions,
+            ),
+        }
+        Ok(actions)
+    }
+
+    /// Lets a group perceive (steps 4 to 7) and act again (step 1 of the next time step).
+    pub fn step(
+        &mut self,
+        model: &mut dyn HumanModel,
+        group: usize,
+        observations: &Observations,
+        communicated: &[Communicated],
+        seed: u64,
+    ) -> Result<&Tensor, UnknownGroup> {
+        let Some(Group {
+            beliefs,
+            actions,
+            started: true,
+        }) = self.groups.get_mut(group)
+        else {
+            return Err(UnknownGroup(group));
+        };
+        self.noise
+            .resize(model.latent() * observations.batch(), 0.0);
+        noise::fill(&mut self.noise, seed, stream::BELIEF);
+        model.perceive(
+            beliefs,
+            actions,
+            observations,
+            communicated,
+            Some(&self.noise),
+        );
+        act(
+            model,
+            beliefs,
+            seed,
+            &mut self.noise,
+            &mut self.distribution,
+            actions,
+        );
+        Ok(actions)
+    }
+
+    /// Forgets a group.
+    pub fn forget(&mut self, group: usize) {
+        if let Some(group) = self.groups.get_mut(group) {
+            group.started = false;
+        }
+    }
+}
+
+/// 1: ǎ ~ h_π(π(z^H)).
+fn act(
+    model: &mut dyn HumanModel,
+    beliefs: &Beliefs,
+    seed: u64,
+    spare: &mut Vec<f32>,
+    distribution: &mut ActionDistribution,
+    actions: &mut Tensor,
+) {
+    model.act(beliefs, distribution);
+    spare.resize(distribution.mean.data().len(), 0.0);
+    noise::fill(spare, seed, stream::ACTION);
+    distribution.sample(Some(spare), actions);
+}

@@ -1,0 +1,217 @@
+//! Model implants: the few parameters that turn the robot's self-model into a model of a person (paper §III-B).
+//!
+//! *Perceptual implant*: a threshold per azimuth; what is farther than τ_a is not seen (paper, figure 4).
+//! *Policy implant*: a small residual δ(z^H) on the mean of the policy's Gaussian.
+
+use crate::observation::{AZIMUTHS, BANDS, EGO, RANGE_M, Shape, nearest};
+use crate::policy::ActionDistribution;
+use crate::self_model::SelfModel;
+use nn::{Activation, Mlp, MlpScratch, ParamId, Parameters, Tape, Tensor, Var};
+use rand_chacha::ChaCha8Rng;
+
+/// Largest threshold: one metre beyond the LIDAR's range, so that "sees that nothing is there" can be represented.
+pub const MAX_THRESHOLD_M: f32 = RANGE_M + 1.0;
+/// Neurons of the residual's hidden layer (DESIGN §11).
+pub const RESIDUAL_HIDDEN: usize = 16;
+/// Factor on the residual network's output (DESIGN §11).
+pub const RESIDUAL_SCALE: f32 = 0.1;
+
+/// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
+#[derive(Clone, Debug)]
+pub struct Implants {
+    /// Thresholds (`36 × 1`, before the logistic function) and the residual's weights.
+    pub parameters: Parameters,
+    thresholds: ParamId,
+    /// Residual network; none for MIRROR-P, which has the perceptual implant only.
+    residual: Option<Mlp>,
+    latent: usize,
+}
+
+/// The implants' parameters inside a larger set, next to the self-model's, so that one tape reaches both.
+#[derive(Clone, Debug)]
+pub struct Attached {
+    /// Thresholds before the logistic function.
+    pub thresholds: ParamId,
+    /// Residual network.
+    pub residual: Option<Mlp>,
+    ids: Vec<ParamId>,
+}
+
+impl Attached {
+    /// The parameters that may move.
+    pub fn ids(&self) -> &[ParamId] {
+        &self.ids
+    }
+}
+
+impl Implants {
+    /// Thresholds at half the LIDAR's range, and a residual of zero (its last layer starts at zero).
+    pub fn new(latent: usize, actions: usize, with_policy: bool, rng: &mut ChaCha8Rng) -> Self {
+        let mut parameters = Parameters::default();
+        let thresholds = parameters.add("implant.thresholds", Tensor::new(AZIMUTHS, 1));
+        let residual = with_policy.then(|| {
+            let mlp = Mlp::new(
+                &mut parameters,
+                "implant.residual",
+                &[latent, RESIDUAL_HIDDEN, actions],
+                Activation::Identity,
+                rng,
+            );
+            if let Some(last) = mlp.layers.last() {
+                parameters.get_mut(last.weight).fill(0.0);
+                parameters.get_mut(last.bias).fill(0.0);
+            }
+            mlp
+        });
+        Self {
+            parameters,
+            thresholds,
+            residual,
+            latent,
+        }
+    }
+
+    /// Whether there is a policy implant.
+    pub fn has_policy(&self) -> bool {
+        self.residual.is_some()
+    }
+
+    /// Dimensions of the latent that the residual reads.
+    pub fn latent(&self) -> usize {
+        self.latent
+    }
+
+    /// τ_a in metres.
+    pub fn thresholds_m(&self) -> [f32; AZIMUTHS] {
+        let raw = self.parameters.get(self.thresholds).data();
+        core::array::from_fn(|a| MAX_THRESHOLD_M / (1.0 + (-raw[a]).exp()))
+    }
+
+    /// Copies the implants' parameters to the end of `parameters`.
+    pub fn attach(&self, parameters: &mut Parameters) -> Attached {
+        let mut ids = Vec::new();
+        let mut copy = |id: ParamId| {
+            let new = parameters.add(self.parameters.name(id), self.parameters.get(id).clone());
+            ids.push(new);
+            new
+        };
+        let thresholds = copy(self.thresholds);
+        let residual = self.residual.as_ref().map(|mlp| {
+            let mut mlp = mlp.clone();
+            for layer in &mut mlp.layers {
+                layer.weight = copy(layer.weight);
+                layer.bias = copy(layer.bias);
+            }
+            mlp
+        });
+        Attached {
+            thresholds,
+            residual,
+            ids,
+        }
+    }
+
+    /// Takes learned values back out of `parameters`.
+    pub fn detach(&mut self, parameters: &Parameters, attached: &Attached) {
+        let own: Vec<ParamId> = self.parameters.iter().map(|(id, _, _)| id).collect();
+        for (own, learned) in own.into_iter().zip(&attached.ids) {
+            self.parameters
+                .get_mut(own)
+                .copy_from(parameters.get(*learned));
+        }
+    }
+
+    /// Writes what a person with these implants sees of one visual column into `mask` (36 entries of 0 or 1).
+    pub fn visible(thresholds_m: &[f32; AZIMUTHS], visual: &[f32], mask: &mut [f32]) {
+        for (azimuth, mask) in mask.iter_mut().enumerate() {
+            let range_m = range_of(visual, azimuth);
+            *mask = f32::from(u8::from(range_m <= thresholds_m[azimuth]));
+        }
+    }
+
+    /// Adds δ(z) to the mean of a batch of action distributions; `delta` is `2 × batch` scratch.
+    pub fn shift(
+        &self,
+        z: &Tensor,
+        distribution: &mut ActionDistribution,
+        scratch: &mut MlpScratch,
+        delta: &mut Tensor,
+    ) {
+        if let Some(residual) = &self.residual {
+            residual.infer(&self.parameters, z, scratch, delta);
+            for (mean, delta) in distribution.mean.data_mut().iter_mut().zip(delta.data()) {
+                *mean += RESIDUAL_SCALE * delta;
+            }
+        }
+    }
+}
+
+/// Range in metres of an azimuth's nearest return. Decoders may imagine nearness outside [0, 1].
+pub fn range_of(visual: &[f32], azimuth: usize) -> f32 {
+    RANGE_M * (1.0 - nearest(visual, azimuth).clamp(0.0, 1.0))
+}
+
+/// How softly the straight-through threshold passes gradients, in metres: wide enough that a car several metres beyond
+/// the threshold still pulls at it.
+pub const THRESHOLD_WIDTH_M: f32 = 4.0;
+
+/// What the encoder sees of a batch through the perceptual implant, differentiable in the thresholds (straight-through):
+/// `encoded × batch`. `visual`: `113 × batch`; nothing is spoken.
+pub fn perceive_on_tape(
+    tape: &mut Tape,
+    attached: &Attached,
+    shape: &Shape,
+    visual: &Tensor,
+) -> Var {
+    let batch = visual.cols();
+    let beams = AZIMUTHS * BANDS;
+    let range_m = tape.input_with(AZIMUTHS, batch, |out| {
+        for j in 0..batch {
+            let column = visual.column(j);
+            for azimuth in 0..AZIMUTHS {
+                out[j * AZIMUTHS + azimuth] = range_of(column, azimuth);
+            }
+        }
+    });
+    let raw = tape.param(attached.thresholds);
+    let unit = tape.sigmoid(raw);
+    let limit = tape.scale(unit, MAX_THRESHOLD_M);
+    let limit = tape.broadcast(limit, batch);
+    let mask = tape.threshold(range_m, limit, THRESHOLD_WIDTH_M);
+    let nearness = tape.input_with(beams, batch, |out| {
+        for j in 0..batch {
+            out[j * beams..(j + 1) * beams].copy_from_slice(&visual.column(j)[..beams]);
+        }
+    });
+    let ego = tape.input_with(EGO, batch, |out| {
+        for j in 0..batch {
+            out[j * EGO..(j + 1) * EGO].copy_from_slice(&visual.column(j)[beams..]);
+        }
+    });
+    let mask_of_beams = tape.concat(&[mask; BANDS]);
+    let seen = tape.mul(nearness, mask_of_beams);
+    let unheard = tape.input_with(shape.verbal + shape.verbal_mask, batch, |out| {
+        out.fill(0.0);
+    });
+    tape.concat(&[seen, ego, mask, unheard])
+}
+
+/// Mean of the person's action before tanh, π's mean + δ(z), with π's deviation: `2 × batch` each.
+pub fn policy_on_tape(
+    tape: &mut Tape,
+    model: &SelfModel,
+    attached: &Attached,
+    z: Var,
+) -> (Var, Var, Option<Var>) {
+    let actions = model.sizes.shape.action;
+    let output = tape.mlp(&model.policy.network, z);
+    let (mean, deviation) = SelfModel::gaussian(tape, output, actions);
+    match &attached.residual {
+        None => (mean, deviation, None),
+        Some(residual) => {
+            let delta = tape.mlp(residual, z);
+            let delta = tape.scale(delta, RESIDUAL_SCALE);
+            (tape.add(mean, delta), deviation, Some(delta))
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! What a model observes: two modalities, visual and verbal, with a mask beside each (paper §III-A, "masking").
+//!
+//! The highway's visual modality is the LIDAR as *nearness*, 1 − range/40 m, so that 0 says "nothing there", and the
+//! five ego values. One mask entry per azimuth covers its three height bands; ego values are never masked. The verbal
+//! modality has one mask entry per sector.
+
+use nn::Tensor;
+
+/// LIDAR azimuths.
+pub const AZIMUTHS: usize = 36;
+/// Height bands.
+pub const BANDS: usize = 3;
+/// Ego values.
+pub const EGO: usize = 5;
+/// Sectors that can be communicated about.
+pub const SECTORS: usize = 6;
+/// Numbers per sector in the verbal modality: 19 of the utterance's embedding, and the range.
+pub const PER_SECTOR: usize = 20;
+/// Full range of the LIDAR in metres.
+pub const RANGE_M: f32 = 40.0;
+/// Nearness below which an imagined azimuth counts as empty: 2 m short of the LIDAR's range.
+pub const EMPTY: f32 = 0.05;
+
+/// Sector of an azimuth (DESIGN §4): front 1, left-front 9, left-rear 8, rear 1, right-rear 8, right-front 9.
+pub const fn sector_of(azimuth: usize) -> usize {
+    match azimuth {
+        0 => 0,
+        1..=9 => 1,
+        10..=17 => 2,
+        18 => 3,
+        19..=26 => 4,
+        _ => 5,
+    }
+}
+
+/// Whether a head-up display can show something at this azimuth: the front half only.
+pub const fn on_display(azimuth: usize) -> bool {
+    azimuth <= 9 || azimuth >= 27
+}
+
+/// Sizes of the modalities and of their masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shape {
+    /// Features of the visual modality.
+    pub visual: usize,
+    /// Entries of its mask.
+    pub visual_mask: usize,
+    /// Features of the verbal modality.
+    pub verbal: usize,
+    /// Entries of its mask.
+    pub verbal_mask: usize,
+    /// Dimensions of an action.
+    pub action: usize,
+}
+
+impl Shape {
+    /// The highway's: 113, 36, 120, 6, 2.
+    pub const HIGHWAY: Self = Self {
+        visual: AZIMUTHS * BANDS + EGO,
+        visual_mask: AZIMUTHS,
+        verbal: SECTORS * PER_SECTOR,
+        verbal_mask: SECTORS,
+        action: 2,
+    };
+
+    /// Rows of the encoder's input that come from the observation.
+    pub const fn encoded(&self) -> usize {
+        self.visual + self.visual_mask + self.verbal + self.verbal_mask
+    }
+}
+
+/// Which sectors are communicated to one person: visual in bits 0–5, verbal in bits 8–13.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Communicated(pub u32);
+
+impl Communicated {
+    /// From a bit per sector for each modality.
+    pub const fn new(visual: u32, verbal: u32) -> Self {
+        Self((visual & 0x3f) | ((verbal & 0x3f) << 8))
+    }
+
+    /// Whether sector `s` is highlighted.
+    pub const fn visual(self, s: usize) -> bool {
+        self.0 >> s & 1 == 1
+    }
+
+    /// Whether sector `s` is spoken about.
+    pub const fn verbal(self, s: usize) -> bool {
+        self.0 >> (8 + s) & 1 == 1
+    }
+
+    /// The visual bits.
+    pub const fn visual_bits(self) -> u32 {
+        self.0 & 0x3f
+    }
+
+    /// The verbal bits.
+    pub const fn verbal_bits(self) -> u32 {
+        self.0 >> 8 & 0x3f
+    }
+}
+
+/// A batch of observations before anybody's perception: `features × batch`.
+#[derive(Clone, Debug)]
+pub struct Observations {
+    /// Visual modality, `113 × batch`: nearness per band and azimuth, then the ego values.
+    pub visual: Tensor,
+    /// Verbal modality, `120 × batch`.
+    pub verbal: Tensor,
+}
+
+impl Observations {
+    /// Zeros for `batch` observations.
+    pub fn new(shape: &Shape, batch: usize) -> Self {
+        Self {
+            visual: Tensor::new(shape.visual, batch),
+            verbal: Tensor::new(shape.verbal, batch),
+        }
+    }
+
+    /// Number of observations.
+    pub fn batch(&self) -> usize {
+        self.visual.cols()
+    }
+
+    /// Changes the number of observations, keeping memory.
+    pub fn resize(&mut self, batch: usize) {
+        let (visual, verbal) = (self.visual.rows(), self.verbal.rows());
+        self.visual.resize_to(visual, batch);
+        self.verbal.resize_to(verbal, batch);
+    }
+
+    /// Fills column `j`'s visual modality from normalised ranges (`band · 36 + azimuth`, 1 for nothing) and ego values.
+    pub fn set_lidar(&mut self, j: usize, range: &[f32; AZIMUTHS * BANDS], ego: &[f32; EGO]) {
+        let column = self.visual.column_mut(j);
+        for (nearness, range) in column.iter_mut().zip(range) {
+            *nearness = 1.0 - range;
+        }
+        column[AZIMUTHS * BANDS..].copy_from_slice(ego);
+    }
+}
+
+/// Nearest return of an azimuth as nearness, over the height bands of one visual column.
+pub fn nearest(visual: &[f32], azimuth: usize) -> f32 {
+    let mut nearest = visual[azimuth];
+    for band in 1..BANDS {
+        nearest = nearest.max(visual[band * AZIMUTHS + azimuth]);
+    }
+    nearest
+}
+
+/// The encoder's view of an observation: masked values with their masks beside them.
+#[derive(Clone, Debug)]
+pub struct Encoded {
+    /// `encoded × batch`: visual · mask, visual mask, verbal · mask, verbal mask.
+    pub rows: Tensor,
+    shape: Shape,
+}
+
+impl Encoded {
+    /// Room for `batch` observations.
+    pub fn new(shape: Shape, batch: usize) -> Self {
+        Self {
+            rows: Tensor::new(shape.encoded(), batch),
+            shape,
+        }
+    }
+
+    /// Changes the number of observations, keeping memory.
+    pub fn resize(&mut self, batch: usize) {
+        let rows = self.rows.rows();
+        self.rows.resize_to(rows, batch);
+    }
+
+    /// Writes column `j`: `x` as seen through the masks. `visual_mask`: a weight in [0, 1] per azimuth; `verbal_mask`: per sector.
+    pub fn set(
+        &mut self,
+        j: usize,
+        visual: &[f32],
+        verbal: &[f32],
+        visual_mask: &[f32],
+        verbal_mask: &[f32],
+    ) {
+        let Shape {
+            visual: n_visual,
+            visual_mask: n_visual_mask,
+            verbal: n_verbal,
+            ..
+        } = self.shape;
+        let column = self.rows.column_mut(j);
+        let (seen, rest) = column.split_at_mut(n_visual);
+        let (seen_mask, rest) = rest.split_at_mut(n_visual_mask);
+        let (heard, heard_mask) = rest.split_at_mut(n_verbal);
+        for (i, out) in seen.iter_mut().enumerate() {
+            *out = match visual_group(&self.shape, i) {
+                Some(group) => visual[i] * visual_mask[group],
+                None => visual[i],
+            };
+        }
+        seen_mask.copy_from_slice(visual_mask);
+        for (i, out) in heard.iter_mut().enumerate() {
+            *out = verbal[i] * verbal_mask[i / (n_verbal / verbal_mask.len())];
+        }
+        heard_mask.copy_from_slice(verbal_mask);
+    }
+}
+
+/// The mask entry that covers visual feature `i`; none for what is never masked.
+pub fn visual_group(shape: &Shape, i: usize) -> Option<usize> {
+    (i < shape.visual_mask * BANDS).then(|| i % shape.visual_mask)
+}
+
+/// What a person is shown and told of a robot's observation (steps 5 and 6 of forward imagination): raises the masks to
+/// 1 where something is communicated. A highlight draws boxes around cars: where there is no car, or behind the
+/// head-up display's edge, it shows nothing.
+pub fn overlay(
+    communicated: Communicated,
+    visual: &[f32],
+    visual_mask: &mut [f32],
+    verbal_mask: &mut [f32],
+) {
+    if communicated.visual_bits() != 0 {
+        for azimuth in 0..AZIMUTHS {
+            if on_display(azimuth)
+                && communicated.visual(sector_of(azimuth))
+                && nearest(visual, azimuth) > EMPTY
+            {
+                visual_mask[azimuth] = 1.0;
+            }
+        }
+    }
+    for (sector, mask) in verbal_mask.iter_mut().enumerate() {
+        if communicated.verbal(sector) {
+            *mask = 1.0;
+        }
+    }
+}
+
+/// Azimuths that a highlighted sector takes up on the head-up display, the unit of the visual cost (DESIGN §11).
+pub fn azimuths_shown(sector: usize) -> usize {
+    (0..AZIMUTHS)
+        .filter(|&azimuth| on_display(azimuth) && sector_of(azimuth) == sector)
+        .count()
+}

@@ -1,0 +1,499 @@
+//! Elementwise loops, compiled for AVX2 and AVX-512 beside the portable version and chosen at run time.
+//!
+//! `first` says whether a kernel replaces its output or adds to it: the first contribution to a gradient replaces, so
+//! that gradients need not be zeroed. Sums run in a fixed order, the same for every instruction set.
+
+use crate::math::{
+    elu as elu_of, exp as exp_of, expm1_nonpositive, larger, ln as ln_of, sigmoid as sigmoid_of,
+    smaller, softplus as softplus_of, tanh as tanh_of, tanh_log_slope,
+};
+use crate::tensor::LANES;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Runs a loop with the widest vectors that the machine has.
+#[inline]
+pub(crate) fn vectorised<W: WithSimd>(work: W) -> W::Output {
+    Arch::new().dispatch(work)
+}
+
+/// `fn name(first, out, inputs…, scalars…)`: out ← (out +) body, element by element.
+macro_rules! elementwise {
+    ($( $(#[$doc:meta])* $name:ident ( $($x:ident),* ; $($s:ident),* ) $body:expr; )*) => { $(
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments)]
+        pub(crate) fn $name(first: bool, out: &mut [f32], $($x: &[f32],)* $($s: f32,)*) {
+            struct Work<'k> { first: bool, out: &'k mut [f32], $($x: &'k [f32],)* $($s: f32,)* }
+            #[inline(always)]
+            #[allow(clippy::too_many_arguments)]
+            fn replace(out: &mut [f32], $($x: &[f32],)* $($s: f32,)*) {
+                let n = out.len();
+                $(let $x = &$x[..n];)*
+                for i in 0..n {
+                    $(let $x = $x[i];)*
+                    out[i] = $body;
+                }
+            }
+            #[inline(always)]
+            #[allow(clippy::too_many_arguments)]
+            fn add(out: &mut [f32], $($x: &[f32],)* $($s: f32,)*) {
+                let n = out.len();
+                $(let $x = &$x[..n];)*
+                for i in 0..n {
+                    $(let $x = $x[i];)*
+                    out[i] += $body;
+                }
+            }
+            impl WithSimd for Work<'_> {
+                type Output = ();
+                #[inline(always)]
+                fn with_simd<S: Simd>(self, _: S) {
+                    if self.first {
+                        replace(self.out, $(self.$x,)* $(self.$s,)*)
+                    } else {
+                        add(self.out, $(self.$x,)* $(self.$s,)*)
+                    }
+                }
+            }
+            vectorised(Work { first, out, $($x,)* $($s,)* })
+        }
+    )* };
+}
+
+/// `fn name(out, inputs…, scalars…)`: out ← body, where the body reads out's old element under the given name.
+macro_rules! in_place {
+    ($( $(#[$doc:meta])* $name:ident [$old:ident] ( $($x:ident),* ; $($s:ident),* ) $body:expr; )*) => { $(
+        $(#[$doc])*
+        pub(crate) fn $name(out: &mut [f32], $($x: &[f32],)* $($s: f32,)*) {
+            struct Work<'k> { out: &'k mut [f32], $($x: &'k [f32],)* $($s: f32,)* }
+            #[inline(always)]
+            fn run(out: &mut [f32], $($x: &[f32],)* $($s: f32,)*) {
+                let n = out.len();
+                $(let $x = &$x[..n];)*
+                for i in 0..n {
+                    let $old = out[i];
+                    $(let $x = $x[i];)*
+                    out[i] = $body;
+                }
+            }
+            impl WithSimd for Work<'_> {
+                type Output = ();
+                #[inline(always)]
+                fn with_simd<S: Simd>(self, _: S) {
+                    run(self.out, $(self.$x,)* $(self.$s,)*)
+                }
+            }
+            vectorised(Work { out, $($x,)* $($s,)* })
+        }
+    )* };
+}
+
+/// ln √(2π).
+const HALF_LN_TAU: f32 = 0.918_938_5;
+
+elementwise! {
+    copy(x;) x;
+    scale(x; s) x * s;
+    offset(x; s) x + s;
+    square(x;) x * x;
+    exp(x;) exp_of(x);
+    ln(x;) ln_of(x);
+    tanh(x;) tanh_of(x);
+    sigmoid(x;) sigmoid_of(x);
+    softplus(x;) softplus_of(x);
+    elu(x;) elu_of(x);
+    abs(x;) x.abs();
+    clamp(x; low, high) smaller(larger(x, low), high);
+    tanh_log(x;) tanh_log_slope(x);
+
+    // Derivatives: g is the output's gradient, x the input, y the output.
+    square_d(g, x;) 2.0 * x * g;
+    exp_d(g, y;) g * y;
+    ln_d(g, x;) g / x;
+    tanh_d(g, y;) g * (1.0 - y * y);
+    sigmoid_d(g, y;) g * y * (1.0 - y);
+    softplus_d(g, x;) g * sigmoid_of(x);
+    elu_d(g, y;) if y > 0.0 { g } else { g * (y + 1.0) };
+    abs_d(g, x;) if x > 0.0 { g } else if x < 0.0 { -g } else { 0.0 };
+    clamp_d(g, x; low, high) if x >= low && x <= high { g } else { 0.0 };
+    tanh_log_d(g, x;) -2.0 * g * tanh_of(x);
+
+    sum2(a, b;) a + b;
+    difference(a, b;) a - b;
+    product(a, b;) a * b;
+    quotient(a, b;) a / b;
+    minimum(a, b;) smaller(a, b);
+    maximum(a, b;) larger(a, b);
+    quotient_d_below(g, y, b;) -g * y / b;
+    // At a tie each side gets half, as in PyTorch.
+    minimum_d(g, a, b;) if a < b { g } else if a > b { 0.0 } else { 0.5 * g };
+    maximum_d(g, a, b;) if a > b { g } else if a < b { 0.0 } else { 0.5 * g };
+
+    // z = μ + σ ε
+    sample(mean, deviation, noise;) deviation.mul_add(noise, mean);
+
+    // ln N(x; μ, σ) of one feature.
+    log_density(x, mean, deviation;) {
+        let u = (x - mean) / deviation;
+        (-0.5 * u).mul_add(u, -ln_of(deviation)) - HALF_LN_TAU
+    };
+    log_density_d_mean(g, x, mean, deviation; sign) {
+        sign * g * (x - mean) / (deviation * deviation)
+    };
+    log_density_d_deviation(g, x, mean, deviation;) {
+        let u = (x - mean) / deviation;
+        g * u.mul_add(u, -1.0) / deviation
+    };
+
+    // KL[N(μq, σq) ‖ N(μp, σp)] of one feature: ln(σp/σq) + (σq² + (μq − μp)²)/(2 σp²) − ½.
+    kl(mean_q, dev_q, mean_p, dev_p;) {
+        let inverse = 1.0 / dev_p;
+        let ratio = dev_q * inverse;
+        let u = (mean_q - mean_p) * inverse;
+        0.5 * ratio.mul_add(ratio, u.mul_add(u, -1.0)) - ln_of(ratio)
+    };
+    kl_d_mean(g, mean_q, mean_p, dev_p; sign) sign * g * (mean_q - mean_p) / (dev_p * dev_p);
+    kl_d_dev_q(g, dev_q, dev_p;) g * (dev_q / (dev_p * dev_p) - 1.0 / dev_q);
+    kl_d_dev_p(g, mean_q, dev_q, mean_p, dev_p;) {
+        let inverse = 1.0 / dev_p;
+        let ratio = dev_q * inverse;
+        let u = (mean_q - mean_p) * inverse;
+        -g * inverse * ratio.mul_add(ratio, u.mul_add(u, -1.0))
+    };
+
+    // Straight-through threshold: 1 where range ≤ limit; backward as sigmoid((limit − range)/width).
+    threshold(range, limit;) if range <= limit { 1.0 } else { 0.0 };
+    threshold_d(g, range, limit; signed_inverse_width) {
+        // The sigmoid's slope is even, so the sign of the argument does not matter.
+        let s = sigmoid_of((limit - range) * signed_inverse_width);
+        g * signed_inverse_width * s * (1.0 - s)
+    };
+
+    // log-softmax: dx = g − eʸ Σg
+    log_softmax_d(g, y; total) exp_of(y).mul_add(-total, g);
+
+    // GRU (see gru.rs): h' = (1 − z) n + z h
+    gru_mix(z, n, h;) (h - n).mul_add(z, n);
+    gru_d_candidate(g, z, n;) g * (1.0 - z) * (1.0 - n * n);
+    gru_d_update(g, z, n, h;) g * (h - n) * z * (1.0 - z);
+    gru_d_reset(dn, hn, r;) dn * hn * r * (1.0 - r);
+}
+
+in_place! {
+    /// p ← p + rate (q − p)
+    lerp[p](q; rate) (q - p).mul_add(rate, p);
+    multiply_by[x](; factor) x * factor;
+    /// Gradients through an activation, from its output.
+    elu_back[g](y;) if y > 0.0 { g } else { g * (y + 1.0) };
+    tanh_back[g](y;) g * (1.0 - y * y);
+    /// softplus' (x) = 1 − e^(−softplus x); nothing where the floor holds.
+    softplus_back[g](y; floor) {
+        // With y > 15 the slope is 1 to f32's precision; `expm1` itself saturates.
+        if y > floor { -g * expm1_nonpositive(-y) } else { 0.0 }
+    };
+    sigmoid_add[a](b;) sigmoid_of(a + b);
+    /// n = tanh(a + r · hn)
+    gru_candidate[a](r, hn;) tanh_of(r.mul_add(hn, a));
+}
+
+/// Adam's update of one tensor; `rate` already has both bias corrections' ratio in it, `eps` the second's.
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn adam(
+    value: &mut [f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    gradient: &[f32],
+    beta1: f32,
+    beta2: f32,
+    rate: f32,
+    second_correction: f32,
+    eps: f32,
+) {
+    struct Work<'k> {
+        value: &'k mut [f32],
+        first: &'k mut [f32],
+        second: &'k mut [f32],
+        gradient: &'k [f32],
+        numbers: [f32; 5],
+    }
+    #[inline(always)]
+    fn run(p: &mut [f32], m: &mut [f32], v: &mut [f32], g: &[f32], numbers: [f32; 5]) {
+        let [beta1, beta2, rate, correction, eps] = numbers;
+        let n = p.len();
+        let (m, v, g) = (&mut m[..n], &mut v[..n], &g[..n]);
+        for i in 0..n {
+            m[i] = (g[i] - m[i]).mul_add(1.0 - beta1, m[i]);
+            v[i] = beta2.mul_add(v[i], (1.0 - beta2) * (g[i] * g[i]));
+            let denominator = v[i].sqrt().mul_add(correction, eps);
+            p[i] -= rate * m[i] / denominator;
+        }
+    }
+    impl WithSimd for Work<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            run(
+                self.value,
+                self.first,
+                self.second,
+                self.gradient,
+                self.numbers,
+            )
+        }
+    }
+    vectorised(Work {
+        value,
+        first,
+        second,
+        gradient,
+        numbers: [beta1, beta2, rate, second_correction, eps],
+    })
+}
+
+/// What follows a product: adds a bias to every column and applies an activation.
+pub(crate) fn bias_activation(out: &mut [f32], bias: &[f32], activation: crate::Activation) {
+    use crate::{Activation, SMALLEST_DEVIATION};
+    trait Function {
+        fn of(x: f32) -> f32;
+    }
+    struct Identity;
+    struct Elu;
+    struct Tanh;
+    struct Softplus;
+    impl Function for Identity {
+        #[inline(always)]
+        fn of(x: f32) -> f32 {
+            x
+        }
+    }
+    impl Function for Elu {
+        #[inline(always)]
+        fn of(x: f32) -> f32 {
+            elu_of(x)
+        }
+    }
+    impl Function for Tanh {
+        #[inline(always)]
+        fn of(x: f32) -> f32 {
+            tanh_of(x)
+        }
+    }
+    impl Function for Softplus {
+        #[inline(always)]
+        fn of(x: f32) -> f32 {
+            larger(softplus_of(x), SMALLEST_DEVIATION)
+        }
+    }
+    struct Work<'k, F> {
+        out: &'k mut [f32],
+        bias: &'k [f32],
+        function: std::marker::PhantomData<F>,
+    }
+    #[inline(always)]
+    fn column<F: Function>(out: &mut [f32], bias: &[f32]) {
+        let n = out.len();
+        let bias = &bias[..n];
+        for i in 0..n {
+            out[i] = F::of(out[i] + bias[i]);
+        }
+    }
+    impl<F: Function> WithSimd for Work<'_, F> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            for out in self.out.chunks_exact_mut(self.bias.len()) {
+                column::<F>(out, self.bias);
+            }
+        }
+    }
+    fn go<F: Function>(out: &mut [f32], bias: &[f32]) {
+        vectorised(Work {
+            out,
+            bias,
+            function: std::marker::PhantomData::<F>,
+        })
+    }
+    if bias.is_empty() {
+        return;
+    }
+    match activation {
+        Activation::Identity => go::<Identity>(out, bias),
+        Activation::Elu => go::<Elu>(out, bias),
+        Activation::Tanh => go::<Tanh>(out, bias),
+        Activation::Softplus => go::<Softplus>(out, bias),
+    }
+}
+
+/// Σ x in a fixed order: 16 interleaved sums, then pairwise.
+#[inline(always)]
+fn sum_lanes(x: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; LANES];
+    let chunks = x.chunks_exact(LANES);
+    for (lane, value) in lanes.iter_mut().zip(chunks.remainder()) {
+        *lane = *value;
+    }
+    for chunk in chunks {
+        for l in 0..LANES {
+            lanes[l] += chunk[l];
+        }
+    }
+    let mut width = LANES / 2;
+    while width > 0 {
+        for l in 0..width {
+            lanes[l] += lanes[l + width];
+        }
+        width /= 2;
+    }
+    lanes[0]
+}
+
+/// out[j] ← Σᵢ x[i, j], for a rows × out.len() matrix.
+pub(crate) fn column_sums(out: &mut [f32], x: &[f32], rows: usize) {
+    struct Work<'k>(&'k mut [f32], &'k [f32], usize);
+    impl WithSimd for Work<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            for (out, column) in self.0.iter_mut().zip(self.1.chunks_exact(self.2)) {
+                *out = sum_lanes(column);
+            }
+        }
+    }
+    if rows == 0 {
+        out.fill(0.0);
+    } else {
+        vectorised(Work(out, x, rows));
+    }
+}
+
+/// out[i] ← (out[i] +) Σⱼ x[i, j], for an out.len() × cols matrix.
+pub(crate) fn row_sums(first: bool, out: &mut [f32], x: &[f32]) {
+    struct Work<'k>(&'k mut [f32], &'k [f32]);
+    #[inline(always)]
+    fn four(out: &mut [f32], x: &[f32]) {
+        let n = out.len();
+        let (a, rest) = x.split_at(n);
+        let (b, rest) = rest.split_at(n);
+        let (c, d) = rest.split_at(n);
+        let d = &d[..n];
+        for i in 0..n {
+            out[i] += (a[i] + b[i]) + (c[i] + d[i]);
+        }
+    }
+    #[inline(always)]
+    fn one(out: &mut [f32], x: &[f32]) {
+        let n = out.len();
+        let x = &x[..n];
+        for i in 0..n {
+            out[i] += x[i];
+        }
+    }
+    impl WithSimd for Work<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            let Work(out, x) = self;
+            if out.len() == 1 {
+                out[0] += sum_lanes(x);
+                return;
+            }
+            let blocks = x.chunks_exact(4 * out.len());
+            let rest = blocks.remainder();
+            for block in blocks {
+                four(out, block);
+            }
+            for column in rest.chunks_exact(out.len()) {
+                one(out, column);
+            }
+        }
+    }
+    if first {
+        out.fill(0.0);
+    }
+    if !out.is_empty() {
+        vectorised(Work(out, x));
+    }
+}
+
+/// out[i, j] ← (out +) s · x[j]: a row repeated over all rows.
+pub(crate) fn spread_row(first: bool, out: &mut [f32], x: &[f32], rows: usize) {
+    if rows == 0 {
+        return;
+    }
+    for (column, &value) in out.chunks_exact_mut(rows).zip(x) {
+        if first {
+            column.fill(value);
+        } else {
+            column.iter_mut().for_each(|y| *y += value);
+        }
+    }
+}
+
+/// Σ x over everything, in f64 between blocks.
+pub(crate) fn sum_all(x: &[f32]) -> f64 {
+    struct Work<'k>(&'k [f32]);
+    impl WithSimd for Work<'_> {
+        type Output = f64;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> f64 {
+            self.0
+                .chunks(256)
+                .map(|block| f64::from(sum_lanes(block)))
+                .sum()
+        }
+    }
+    vectorised(Work(x))
+}
+
+/// Σ x² over everything, in f64 between blocks.
+pub(crate) fn sum_of_squares(x: &[f32]) -> f64 {
+    struct Work<'k>(&'k [f32]);
+    impl WithSimd for Work<'_> {
+        type Output = f64;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> f64 {
+            let mut squares = [0.0_f32; 256];
+            self.0
+                .chunks(256)
+                .map(|block| {
+                    let squares = &mut squares[..block.len()];
+                    for i in 0..block.len() {
+                        squares[i] = block[i] * block[i];
+                    }
+                    f64::from(sum_lanes(squares))
+                })
+                .sum()
+        }
+    }
+    vectorised(Work(x))
+}
+
+/// One column's log-softmax: out ← x − max − ln Σ e^(x − max).
+pub(crate) fn log_softmax(out: &mut [f32], x: &[f32], rows: usize) {
+    struct Work<'k>(&'k mut [f32], &'k [f32], usize);
+    #[inline(always)]
+    fn column(out: &mut [f32], x: &[f32]) {
+        let largest = x.iter().fold(f32::NEG_INFINITY, |a, &b| larger(a, b));
+        let n = out.len();
+        let x = &x[..n];
+        for i in 0..n {
+            out[i] = exp_of(x[i] - largest);
+        }
+        let log = ln_of(sum_lanes(out));
+        for i in 0..n {
+            out[i] = x[i] - largest - log;
+        }
+    }
+    impl WithSimd for Work<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            let Work(out, x, rows) = self;
+            for (out, x) in out.chunks_exact_mut(rows).zip(x.chunks_exact(rows)) {
+                column(out, x);
+            }
+        }
+    }
+    if rows > 0 {
+        vectorised(Work(out, x, rows));
+    }
+}

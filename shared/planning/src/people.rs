@@ -1,0 +1,102 @@
+//! The planner's only view of a human model: a group of imagined people that can be started, shown something, and
+//! asked what they do. Asking and answering are apart, so that two groups keep two processes busy at once.
+
+use models::imagined::ImaginedGroups;
+use models::{Beliefs, Communicated, HumanModel, Observations};
+use nn::Tensor;
+use thiserror::Error;
+
+/// No answer from the human model.
+#[derive(Debug, Error)]
+pub enum PeopleError {
+    /// The human model did not answer in time.
+    #[error("the human model did not answer within {0} ms")]
+    Silent(u64),
+    /// The human model has no belief for the step that is planned from, or lost the group.
+    #[error("the human model has no belief to start from")]
+    NoBelief,
+    /// The question could not be sent, or the answer not be received.
+    #[error("the human model cannot be reached: {0}")]
+    Unreachable(String),
+    /// The process was asked to stop while it waited.
+    #[error("stopped while waiting for the human model")]
+    Stopped,
+}
+
+/// Groups of imagined people.
+pub trait ImaginedPeople {
+    /// Starts `group` with `rows` people who believe what the person believes now; their first action is `known_action`
+    /// where the person's present action is known.
+    fn start(
+        &mut self,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<[f32; 2]>,
+    ) -> Result<(), PeopleError>;
+
+    /// Shows `group` what it would observe and be told.
+    fn ask(
+        &mut self,
+        group: usize,
+        observations: &Observations,
+        communicated: &[Communicated],
+        seed: u64,
+    ) -> Result<(), PeopleError>;
+
+    /// The group's answer to the last `start` or `ask`: `2 × rows`.
+    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError>;
+}
+
+/// A human model in the same process, for experiments and tests.
+pub struct LocalPeople<'a> {
+    /// The model.
+    pub model: &'a mut dyn HumanModel,
+    /// What the person believes now.
+    pub person: &'a Beliefs,
+    /// Groups kept between questions.
+    pub groups: &'a mut ImaginedGroups,
+    /// Answers not yet fetched, one place per group.
+    pub pending: &'a mut [Tensor],
+}
+
+impl ImaginedPeople for LocalPeople<'_> {
+    fn start(
+        &mut self,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<[f32; 2]>,
+    ) -> Result<(), PeopleError> {
+        let actions = self
+            .groups
+            .start(self.model, self.person, group, rows, seed, known_action)
+            .map_err(|_| PeopleError::NoBelief)?;
+        self.pending[group].resize_to(actions.rows(), actions.cols());
+        self.pending[group].copy_from(actions);
+        Ok(())
+    }
+
+    fn ask(
+        &mut self,
+        group: usize,
+        observations: &Observations,
+        communicated: &[Communicated],
+        seed: u64,
+    ) -> Result<(), PeopleError> {
+        let actions = self
+            .groups
+            .step(self.model, group, observations, communicated, seed)
+            .map_err(|_| PeopleError::NoBelief)?;
+        self.pending[group].resize_to(actions.rows(), actions.cols());
+        self.pending[group].copy_from(actions);
+        Ok(())
+    }
+
+    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
+        let pending = &self.pending[group];
+        actions.resize_to(pending.rows(), pending.cols());
+        actions.copy_from(pending);
+        Ok(())
+    }
+}

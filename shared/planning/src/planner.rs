@@ -1,0 +1,394 @@
+//! Plans what to communicate at the next step: argmax over ω of E[Σ_t γ^t (r(z_t) − C(ω_t))] (paper §III-C, "Planning for
+//! communication"), by the cross-entropy method over forward imagination.
+
+use crate::cross_entropy::Population;
+use crate::imagination::{Imagination, Stage};
+use crate::people::{ImaginedPeople, PeopleError};
+use models::observation::{SECTORS, azimuths_shown};
+use models::{Communicated, SelfModel};
+use nn::Tensor;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the planner; defaults are DESIGN §6's and, where that is silent, those of the authors' scripts (§11).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Decisions ahead.
+    pub horizon: usize,
+    /// Control steps that each decision holds.
+    pub hold: usize,
+    /// Imagined futures.
+    pub samples: usize,
+    /// Iterations of the cross-entropy method.
+    pub iterations: usize,
+    /// Futures that the next distribution is fitted to.
+    pub elites: usize,
+    /// α of the update.
+    pub smoothing: f32,
+    /// First probability of every bit.
+    pub first_probability: f32,
+    /// Share of the last plan, shifted by one step, in the first distribution.
+    pub warm_start: f32,
+    /// γ per control step.
+    pub discount: f32,
+    /// Weight of the task reward against communication costs.
+    pub reward_weight: f32,
+    /// Cost of an azimuth that is highlighted.
+    pub visual_cost: f32,
+    /// Cost of n utterances: this times n³.
+    pub verbal_cost: f32,
+    /// A visual bit is sent above this probability.
+    pub visual_threshold: f32,
+    /// A verbal bit is sent above this probability.
+    pub verbal_threshold: f32,
+    /// Add the critic's value of the last imagined state: dangers that take longer than the horizon count too.
+    pub terminal_value: bool,
+    /// Samples that say nothing, for comparison.
+    pub silent: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            horizon: 4,
+            hold: 2,
+            samples: 1000,
+            iterations: 3,
+            elites: 200,
+            smoothing: 0.8,
+            first_probability: 0.35,
+            warm_start: 0.75,
+            discount: 0.9,
+            reward_weight: 10.0,
+            visual_cost: 0.02,
+            verbal_cost: 0.4,
+            visual_threshold: 0.15,
+            verbal_threshold: 0.3,
+            terminal_value: true,
+            silent: 20,
+        }
+    }
+}
+
+/// Bits of one decision: visual sectors, then verbal sectors.
+pub const BITS: usize = 2 * SECTORS;
+/// Imagined people are asked in this many groups, so that robot and human side work at the same time.
+pub const GROUPS: usize = 2;
+
+impl Settings {
+    /// C(ω): cost of one decision's bits.
+    pub fn cost(&self, communicated: Communicated) -> f32 {
+        let azimuths: usize = (0..SECTORS)
+            .filter(|&s| communicated.visual(s))
+            .map(azimuths_shown)
+            .sum();
+        let utterances = communicated.verbal_bits().count_ones() as f32;
+        self.visual_cost * azimuths as f32 + self.verbal_cost * utterances.powi(3)
+    }
+
+    /// A reason why these settings make no sense, if there is one.
+    pub fn problem(&self) -> Option<String> {
+        let unit = |x: f32| (0.0..=1.0).contains(&x);
+        if self.horizon == 0 || self.hold == 0 || self.iterations == 0 {
+            return Some("horizon, hold and iterations must be at least 1".into());
+        }
+        if self.horizon > 64 || self.hold > 64 || self.iterations > 1000 {
+            return Some("horizon and hold may be at most 64, iterations 1000".into());
+        }
+        if self.samples < 2 * GROUPS || self.samples > GROUPS * 512 || self.samples % GROUPS != 0 {
+            return Some(format!(
+                "samples must be an even number from {} to {}, not {}",
+                2 * GROUPS,
+                GROUPS * 512,
+                self.samples
+            ));
+        }
+        if self.elites == 0 || self.elites > self.samples {
+            return Some(format!(
+                "elites must be from 1 to samples ({}), not {}",
+                self.samples, self.elites
+            ));
+        }
+        if self.silent >= self.samples {
+            return Some(format!("silent must be below samples, not {}", self.silent));
+        }
+        if !unit(self.smoothing)
+            || !unit(self.first_probability)
+            || !unit(self.warm_start)
+            || !unit(self.discount)
+            || !unit(self.visual_threshold)
+            || !unit(self.verbal_threshold)
+        {
+            return Some("smoothing, first_probability, warm_start, discount and thresholds must lie in [0, 1]".into());
+        }
+        if ![self.reward_weight, self.visual_cost, self.verbal_cost]
+            .iter()
+            .all(|x| x.is_finite() && *x >= 0.0)
+        {
+            return Some("reward_weight and costs must be finite and not negative".into());
+        }
+        None
+    }
+}
+
+/// What was decided for the next step, and why.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Decision {
+    /// Sectors to highlight and to speak about.
+    pub communicated: Communicated,
+    /// Probability of each bit of the first decision: visual, then verbal.
+    pub probability: [f32; BITS],
+    /// Mean value of the last iteration's elites.
+    pub value: f32,
+    /// Mean value of the silent futures of the last iteration.
+    pub value_silent: f32,
+    /// C(ω) of `communicated`.
+    pub cost: f32,
+}
+
+/// Where a plan starts.
+#[derive(Clone, Copy)]
+pub struct From<'a> {
+    /// Mean of z^R_k, `latent × 1`.
+    pub mean: &'a Tensor,
+    /// Deviation of z^R_k.
+    pub deviation: &'a Tensor,
+    /// What the person does at step k, where that is known.
+    pub known_action: Option<[f32; 2]>,
+    /// Control steps until the next utterance may start, seen from step k + 1.
+    pub speech_ready_steps: usize,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Episode.
+    pub episode: u32,
+    /// Step k.
+    pub step: u32,
+}
+
+/// The cross-entropy planner (`--planner ce`).
+pub struct Planner {
+    /// Settings.
+    pub settings: Settings,
+    population: Population,
+    groups: Vec<Imagination>,
+    communicated: Vec<Communicated>,
+    values: Vec<f32>,
+    previous: Vec<f32>,
+    planned: Option<(u32, u32)>,
+}
+
+impl Planner {
+    /// A planner for this self-model. Settings must have no [`Settings::problem`].
+    pub fn new(settings: Settings, model: &SelfModel) -> Self {
+        let rows = settings.samples / GROUPS;
+        let bits = settings.horizon * BITS;
+        Self {
+            settings,
+            population: Population::new(settings.samples, bits),
+            groups: (0..GROUPS)
+                .map(|group| Imagination::new(model, group, rows))
+                .collect(),
+            communicated: vec![Communicated::default(); rows],
+            values: vec![0.0; settings.samples],
+            previous: vec![settings.first_probability; bits],
+            planned: None,
+        }
+    }
+
+    /// Decides what to communicate at step k + 1. The result depends on the arguments and on the last plan alone.
+    pub fn plan(
+        &mut self,
+        model: &SelfModel,
+        from: From,
+        people: &mut dyn ImaginedPeople,
+    ) -> Result<Decision, PeopleError> {
+        self.warm_start(from);
+        self.forbid_speech(from.speech_ready_steps);
+        let mut value = 0.0;
+        for iteration in 0..self.settings.iterations {
+            let seed = mix(&[
+                from.seed,
+                u64::from(from.episode),
+                u64::from(from.step),
+                iteration as u64,
+            ]);
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            self.population.draw(&mut rng, self.settings.silent);
+            self.imagine(model, from, seed, people)?;
+            self.subtract_costs();
+            value =
+                self.population
+                    .update(&self.values, self.settings.elites, self.settings.smoothing);
+        }
+        self.previous.copy_from_slice(&self.population.probability);
+        self.planned = Some((from.episode, from.step));
+        Ok(self.decide(value))
+    }
+
+    /// p ← w · (last plan, one control step on) + (1 − w) · first probability.
+    fn warm_start(&mut self, from: From) {
+        let Settings {
+            horizon,
+            hold,
+            first_probability,
+            warm_start,
+            ..
+        } = self.settings;
+        let follows = self.planned == Some((from.episode, from.step.wrapping_sub(1)));
+        for d in 0..horizon {
+            for b in 0..BITS {
+                let i = d * BITS + b;
+                self.population.probability[i] = if follows {
+                    // A decision holds `hold` control steps: one step on, it covers hold − 1 of its own and one of the next.
+                    let own = self.previous[i];
+                    let next = self
+                        .previous
+                        .get(i + BITS)
+                        .copied()
+                        .unwrap_or(first_probability);
+                    let shifted = own + (next - own) / hold as f32;
+                    warm_start * shifted + (1.0 - warm_start) * first_probability
+                } else {
+                    first_probability
+                };
+            }
+        }
+    }
+
+    /// Nothing can be said while an utterance is still running.
+    fn forbid_speech(&mut self, ready_steps: usize) {
+        for d in 0..self.settings.horizon {
+            let silent = d * self.settings.hold < ready_steps;
+            self.population.forbidden[d * BITS + SECTORS..(d + 1) * BITS].fill(silent);
+        }
+    }
+
+    /// Runs every sample's future and leaves its discounted reward in `values`.
+    fn imagine(
+        &mut self,
+        model: &SelfModel,
+        from: From,
+        seed: u64,
+        people: &mut dyn ImaginedPeople,
+    ) -> Result<(), PeopleError> {
+        let Settings {
+            horizon,
+            hold,
+            discount,
+            reward_weight,
+            terminal_value,
+            ..
+        } = self.settings;
+        let steps = horizon * hold;
+        for (g, group) in self.groups.iter_mut().enumerate() {
+            let seed = mix(&[seed, g as u64]);
+            group.start(from.mean, from.deviation, seed, from.known_action, people)?;
+        }
+        for t in 1..=steps {
+            let decision = (t - 1) / hold;
+            let speaks = (t - 1) % hold == 0; // an utterance is heard once, a highlight stays
+            for (g, group) in self.groups.iter_mut().enumerate() {
+                let rows = group.rows();
+                for (j, bits) in self.communicated.iter_mut().enumerate() {
+                    let sample = &self.population.sample(g * rows + j)
+                        [decision * BITS..(decision + 1) * BITS];
+                    *bits = communicated(sample, speaks);
+                }
+                let stage = Stage {
+                    discount: discount.powi(t as i32 - 1),
+                    reward_weight,
+                    seed: mix(&[seed, g as u64, t as u64]),
+                };
+                let last = t == steps && !terminal_value;
+                group.step(model, stage, &self.communicated, last, people)?;
+            }
+        }
+        for (g, group) in self.groups.iter_mut().enumerate() {
+            if terminal_value {
+                let stage = Stage {
+                    discount: discount.powi(steps as i32),
+                    reward_weight,
+                    seed: 0,
+                };
+                group.finish(model, stage, people)?;
+            }
+            let rows = group.rows();
+            self.values[g * rows..(g + 1) * rows].copy_from_slice(&group.returns);
+        }
+        Ok(())
+    }
+
+    /// Each decision costs once, discounted to its first step.
+    fn subtract_costs(&mut self) {
+        let Settings {
+            horizon,
+            hold,
+            discount,
+            ..
+        } = self.settings;
+        for (i, value) in self.values.iter_mut().enumerate() {
+            let bits = self.population.sample(i);
+            for d in 0..horizon {
+                let cost = self
+                    .settings
+                    .cost(communicated(&bits[d * BITS..(d + 1) * BITS], true));
+                *value -= discount.powi((d * hold) as i32) * cost;
+            }
+        }
+    }
+
+    fn decide(&self, value: f32) -> Decision {
+        let Settings {
+            visual_threshold,
+            verbal_threshold,
+            silent,
+            ..
+        } = self.settings;
+        let mut probability = [0.0; BITS];
+        let (mut visual, mut verbal) = (0, 0);
+        for b in 0..BITS {
+            let p = if self.population.forbidden[b] {
+                0.0
+            } else {
+                self.population.probability[b]
+            };
+            probability[b] = p;
+            if b < SECTORS && p > visual_threshold {
+                visual |= 1 << b;
+            } else if b >= SECTORS && p > verbal_threshold {
+                verbal |= 1 << (b - SECTORS);
+            }
+        }
+        let communicated = Communicated::new(visual, verbal);
+        Decision {
+            communicated,
+            probability,
+            value,
+            value_silent: self.values[..silent].iter().sum::<f32>() / silent.max(1) as f32,
+            cost: self.settings.cost(communicated),
+        }
+    }
+}
+
+/// The bits of one decision as sectors.
+fn communicated(bits: &[bool], speaks: bool) -> Communicated {
+    let pack = |bits: &[bool]| {
+        bits.iter()
+            .enumerate()
+            .fold(0, |packed, (i, &bit)| packed | u32::from(bit) << i)
+    };
+    let verbal = if speaks { pack(&bits[SECTORS..]) } else { 0 };
+    Communicated::new(pack(&bits[..SECTORS]), verbal)
+}
+
+/// One seed out of several numbers (splitmix64), so that every step's noise is its own.
+pub fn mix(numbers: &[u64]) -> u64 {
+    numbers.iter().fold(0x6d69_7272_6f72, |state, number| {
+        let mut x = (state ^ number).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    })
+}

@@ -1,0 +1,142 @@
+//! Imagination across a process border: the planner's questions, the human model's answers.
+//!
+//! iceoryx2 0.10's request-response allocates a loan counter on the heap for every request that a server receives
+//! (`Server::create_active_request`), and the human process's loop shall allocate nothing. So questions and answers are
+//! two topics of one publish-subscribe service each, `human/imagine` and `human/imagine/answer`, without history. A
+//! question names its group and phase, an answer repeats them; several groups may be on their way at once, so that one
+//! process imagines a group's futures while the other thinks about the next group's people.
+
+use crate::error::{NodeError, PortError};
+use crate::input::{Input, Receive, Source};
+use crate::node::{Node, Wake};
+use crate::output::{Loan, Output, Stamp};
+use messages::{ImagineAnswer, ImagineRequest, topic};
+
+/// The planner's side.
+pub struct RequestClient {
+    questions: Output<ImagineRequest>,
+    answers: Input<ImagineAnswer>,
+    open: u32,
+}
+
+impl RequestClient {
+    pub(crate) fn new(node: &Node) -> Result<Self, PortError> {
+        Ok(Self {
+            answers: node.input(topic::IMAGINE_ANSWER, Receive::InOrder)?,
+            questions: node.output(topic::IMAGINE)?,
+            open: 0,
+        })
+    }
+
+    /// A question in shared memory, to be written in place and sent with [`RequestClient::ask`]'s stamp. It still holds
+    /// an older question's numbers: write every field, and the rows that are used.
+    ///
+    /// # Errors
+    /// [`PortError::Loan`].
+    pub fn loan(&self) -> Result<Loan<'_, ImagineRequest>, PortError> {
+        self.questions.loan_uncleared()
+    }
+
+    /// Loans, lets `write` fill in the question, and sends it. At most four may be unanswered.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn ask(&mut self, stamp: Stamp, write: impl FnOnce(&mut ImagineRequest)) -> Result<(), PortError> {
+        let mut question = self.questions.loan_uncleared()?;
+        write(&mut question);
+        question.send(stamp)?;
+        self.open += 1;
+        Ok(())
+    }
+
+    /// Questions asked and not answered yet.
+    pub fn unanswered(&self) -> u32 {
+        self.open
+    }
+
+    /// Waits for the next answer; with [`Wake::Message`] it is at [`RequestClient::answer`].
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn wait_answer(&mut self, node: &mut Node, deadline_ns: Option<u64>) -> Result<Wake, NodeError> {
+        let wake = node.wait(&mut [&mut self.answers], deadline_ns)?;
+        if wake == Wake::Message && self.answers.take()? {
+            self.open = self.open.saturating_sub(1);
+        }
+        Ok(wake)
+    }
+
+    /// Takes an answer if one waits.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn try_answer(&mut self) -> Result<bool, PortError> {
+        let taken = self.answers.take()?;
+        if taken {
+            self.open = self.open.saturating_sub(1);
+        }
+        Ok(taken)
+    }
+
+    /// The answer taken last.
+    pub fn answer(&self) -> Option<&ImagineAnswer> {
+        self.answers.message()
+    }
+
+    /// Forgets what is unanswered: the answers that still come are to be told apart by their step and phase.
+    pub fn give_up(&mut self) {
+        self.open = 0;
+    }
+
+    /// What to wait for beside other inputs.
+    pub fn source(&mut self) -> &mut dyn Source {
+        &mut self.answers
+    }
+}
+
+/// The human model's side.
+pub struct RequestServer {
+    questions: Input<ImagineRequest>,
+    answers: Output<ImagineAnswer>,
+}
+
+impl RequestServer {
+    pub(crate) fn new(node: &Node) -> Result<Self, PortError> {
+        Ok(Self {
+            questions: node.input(topic::IMAGINE, Receive::InOrder)?,
+            answers: node.output(topic::IMAGINE_ANSWER)?,
+        })
+    }
+
+    /// What to wait for beside other inputs.
+    pub fn source(&mut self) -> &mut dyn Source {
+        &mut self.questions
+    }
+
+    /// Takes the next question, if one waits, and answers it in place: `answer` gets the question and the answer, whose
+    /// group, phase and rows are filled in and whose actions still hold older numbers. False if no question waits.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn serve(&mut self, answer: impl FnOnce(&ImagineRequest, &mut ImagineAnswer)) -> Result<bool, PortError> {
+        if !self.questions.take()? {
+            return Ok(false);
+        }
+        let Some(question) = self.questions.message() else {
+            return Ok(false);
+        };
+        let mut loan = self.answers.loan_uncleared()?;
+        loan.group = question.group;
+        loan.phase = question.phase;
+        loan.rows = question.rows;
+        loan.status = 0;
+        answer(question, &mut loan);
+        loan.send(Stamp::of(&question.header))?;
+        Ok(true)
+    }
+
+    /// Questions that were lost.
+    pub fn lost(&self) -> u64 {
+        self.questions.lost()
+    }
+}

@@ -1,0 +1,280 @@
+//! The receiving side of a topic: the newest message or every message, with losses counted.
+
+use crate::error::{NodeError, PortError};
+use crate::node::Shared;
+use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
+use core::cell::Cell;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::FileDescriptorBased;
+use iceoryx2::sample::Sample;
+use messages::{Header, Message};
+use std::os::fd::RawFd;
+use std::rc::Rc;
+
+/// What an input delivers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Receive {
+    /// The newest message; older ones that wait are passed over (they count as received).
+    Newest,
+    /// Every message, in order. What lockstep needs.
+    InOrder,
+}
+
+/// How an input receives.
+#[derive(Clone, Copy, Debug)]
+pub struct InputOptions {
+    /// What it delivers.
+    pub receive: Receive,
+    /// Messages it holds before the oldest is lost, at most [`RECORDER_BUFFER`](crate::RECORDER_BUFFER).
+    pub buffer: usize,
+    /// Whether a message wakes the process. Off for a recorder that looks every few milliseconds: then nobody pays for
+    /// waking it.
+    pub wakes: bool,
+}
+
+impl InputOptions {
+    /// A usual input: [`DEFAULT_BUFFER`] messages, waking.
+    pub fn new(receive: Receive) -> Self {
+        Self {
+            receive,
+            buffer: DEFAULT_BUFFER,
+            wakes: true,
+        }
+    }
+
+    /// A recorder's input: every message, a large buffer, not waking.
+    pub fn recorder() -> Self {
+        Self {
+            receive: Receive::InOrder,
+            buffer: crate::service::RECORDER_BUFFER,
+            wakes: false,
+        }
+    }
+}
+
+/// What a port counted, for the process's report.
+#[derive(Debug)]
+pub(crate) struct Counter {
+    pub(crate) topic: &'static str,
+    pub(crate) received: Cell<u64>,
+    pub(crate) lost: Cell<u64>,
+}
+
+/// Who sent on this topic, and the sequence number expected next.
+#[derive(Clone, Copy)]
+struct Sender {
+    id: u128,
+    next: u64,
+}
+
+/// Something that a process can wait for; every [`Input`] is one.
+pub trait Source {
+    /// The topic.
+    fn topic(&self) -> &'static str;
+    /// Whether a message waits that was not taken yet.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    fn pending(&mut self) -> Result<bool, PortError>;
+    /// Takes messages until one of `episode` and `step` is the current one; false if it has not come yet.
+    ///
+    /// # Errors
+    /// [`NodeError::Overtaken`] if an in-order input has a later message instead.
+    fn advance_to(&mut self, episode: u32, step: u32) -> Result<bool, NodeError>;
+    /// What to poll; −1 for an input that does not wake.
+    fn descriptor(&self) -> RawFd;
+    /// Empties the listener, so that its descriptor is readable only for what comes later.
+    fn drain(&mut self);
+}
+
+/// The receiving side of a topic. Holds its current message until the next is taken.
+pub struct Input<M: Message> {
+    topic: &'static str,
+    receive: Receive,
+    current: Option<Sample<Ipc, M, ()>>,
+    subscriber: Subscriber<Ipc, M, ()>,
+    listener: Option<Listener<Ipc>>,
+    counter: Rc<Counter>,
+    senders: Vec<Sender>,
+    shared: Rc<Shared>,
+    created_ns: u64,
+}
+
+impl<M: Message> Input<M> {
+    pub(crate) fn new(shared: &Rc<Shared>, topic: &'static str, options: InputOptions) -> Result<Self, PortError> {
+        let create = |reason: String| PortError::Create {
+            topic: topic.to_owned(),
+            reason,
+        };
+        let sizes = Sizes::of::<M>(topic);
+        let listener = if options.wakes {
+            let listener = open_bell(&shared.node, topic)?
+                .listener_builder()
+                .create()
+                .map_err(|error| create(format!("{error:?}")))?;
+            Some(listener)
+        } else {
+            None
+        };
+        let subscriber = open_topic::<M>(&shared.node, topic)?
+            .subscriber_builder()
+            .buffer_size(options.buffer.clamp(sizes.history.max(1), sizes.buffer))
+            .create()
+            .map_err(|error| create(format!("{error:?}")))?;
+        let counter = Rc::new(Counter {
+            topic,
+            received: Cell::new(0),
+            lost: Cell::new(0),
+        });
+        shared.counters.borrow_mut().push(counter.clone());
+        Ok(Self {
+            topic,
+            receive: options.receive,
+            current: None,
+            subscriber,
+            listener,
+            counter,
+            senders: Vec::with_capacity(64),
+            shared: shared.clone(),
+            created_ns: crate::clock::now_ns(),
+        })
+    }
+
+    /// The message taken last.
+    pub fn message(&self) -> Option<&M> {
+        self.current.as_ref().map(|sample| sample.payload())
+    }
+
+    /// The header of the message taken last.
+    pub fn header(&self) -> Option<&Header> {
+        self.message().and_then(Message::header)
+    }
+
+    /// Takes a message: the newest that waits, or the next in order. False, and nothing changes, if none waits.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn take(&mut self) -> Result<bool, PortError> {
+        let mut taken = false;
+        while let Some(sample) = self.receive()? {
+            self.current = Some(sample);
+            taken = true;
+            if self.receive == Receive::InOrder {
+                break;
+            }
+        }
+        Ok(taken)
+    }
+
+    /// Takes a message as [`Input::take`] does, and returns it.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn next(&mut self) -> Result<Option<&M>, PortError> {
+        Ok(if self.take()? { self.message() } else { None })
+    }
+
+    /// Messages received, passed-over ones included.
+    pub fn received(&self) -> u64 {
+        self.counter.received.get()
+    }
+
+    /// Messages lost: gaps in their senders' sequence numbers.
+    pub fn lost(&self) -> u64 {
+        self.counter.lost.get()
+    }
+
+    fn receive(&mut self) -> Result<Option<Sample<Ipc, M, ()>>, PortError> {
+        let sample = self.subscriber.receive().map_err(|error| PortError::Receive {
+            topic: self.topic,
+            reason: format!("{error:?}"),
+        })?;
+        if let Some(sample) = &sample {
+            self.counter.received.set(self.counter.received.get() + 1);
+            if let Some(header) = sample.payload().header() {
+                let sequence = header.sequence;
+                let id = sample.header().publisher_id().value();
+                self.count_gap(id, sequence);
+            }
+        }
+        Ok(sample)
+    }
+
+    fn count_gap(&mut self, id: u128, sequence: u64) {
+        let lost = match self.senders.iter_mut().find(|sender| sender.id == id) {
+            Some(sender) => {
+                let lost = sequence.saturating_sub(sender.next);
+                sender.next = sequence + 1;
+                lost
+            }
+            None => {
+                if self.senders.len() == self.senders.capacity() {
+                    self.senders.remove(0);
+                }
+                self.senders.push(Sender { id, next: sequence + 1 });
+                // Who was there before the run started should have seen everything; a latecomer starts in the middle.
+                let start = self.shared.start_ns.get();
+                if start != 0 && self.created_ns < start { sequence } else { 0 }
+            }
+        };
+        self.counter.lost.set(self.counter.lost.get() + lost);
+    }
+
+    fn position(&self) -> Option<(u32, u32)> {
+        self.header().map(|header| (header.episode, header.step))
+    }
+}
+
+impl<M: Message> Source for Input<M> {
+    fn topic(&self) -> &'static str {
+        self.topic
+    }
+
+    fn pending(&mut self) -> Result<bool, PortError> {
+        self.subscriber.has_samples().map_err(|error| PortError::Receive {
+            topic: self.topic,
+            reason: format!("{error:?}"),
+        })
+    }
+
+    fn advance_to(&mut self, episode: u32, step: u32) -> Result<bool, NodeError> {
+        let wanted = (episode, step);
+        loop {
+            match self.position() {
+                Some(position) if position == wanted => return Ok(true),
+                Some((got_episode, got_step)) if (got_episode, got_step) > wanted => {
+                    return match self.receive {
+                        Receive::Newest => Ok(true),
+                        Receive::InOrder => Err(NodeError::Overtaken {
+                            topic: self.topic,
+                            episode,
+                            step,
+                            got_episode,
+                            got_step,
+                        }),
+                    };
+                }
+                _ => {}
+            }
+            if !self.take()? {
+                return Ok(false);
+            }
+        }
+    }
+
+    fn descriptor(&self) -> RawFd {
+        match &self.listener {
+            // SAFETY: the descriptor is only polled, and lives as long as the listener.
+            Some(listener) => unsafe { listener.file_descriptor().native_handle() },
+            None => -1,
+        }
+    }
+
+    fn drain(&mut self) {
+        if let Some(listener) = &self.listener {
+            // An interrupt leaves the rest for the next turn of the wait.
+            let _ = listener.try_wait(|_| {});
+        }
+    }
+}

@@ -1,0 +1,258 @@
+//! The launcher's side of a run: it keeps every service open, starts everybody at once and hears their reports.
+
+use crate::arguments::{ClockMode, RunArguments};
+use crate::clock::now_ns;
+use crate::error::{NodeError, PortError};
+use crate::input::{Input, InputOptions, Receive, Source};
+use crate::instance::{self, CleanupReport, InstanceLock};
+use crate::node::{Poll, Shared};
+use crate::output::{Output, Stamp};
+use crate::service::{open_bell, open_topic};
+use crate::signal;
+use messages::{Control, Message, Report, topic};
+use std::any::Any;
+use std::os::fd::RawFd;
+use std::rc::Rc;
+
+/// Why [`Launcher::wait`] ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LauncherWake {
+    /// A report waits; see [`Launcher::next_report`].
+    Report,
+    /// The child with this place in `children` has ended.
+    Child(usize),
+    /// The deadline passed.
+    Deadline,
+    /// SIGTERM or SIGINT.
+    Stop,
+}
+
+/// The launcher's node. It outlives the processes, so that restarted ones find every service as it was.
+pub struct Launcher {
+    reports: Input<Report>,
+    control: Output<Control>,
+    _services: Vec<Box<dyn Any>>,
+    shared: Rc<Shared>,
+    arguments: RunArguments,
+    poll: Poll,
+    // Last: it removes the instance's directory.
+    _lock: InstanceLock,
+}
+
+impl Launcher {
+    /// Opens an instance that was taken with [`InstanceLock::acquire`]. Spawn children from a thread that lives as long
+    /// as they shall.
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn open(lock: InstanceLock, run_id: u64, clock: ClockMode) -> Result<Self, NodeError> {
+        let arguments = RunArguments::new(lock.root(), lock.instance(), run_id, clock)?;
+        let shared = Shared::open(&arguments)?;
+        let reports = Input::new(&shared, topic::REPORT, InputOptions::new(Receive::InOrder))?;
+        let control = Output::new(&shared, topic::CONTROL)?;
+        let services = keep_open(&shared)?;
+        Ok(Self {
+            reports,
+            control,
+            _services: services,
+            shared,
+            arguments,
+            poll: Poll::new(),
+            _lock: lock,
+        })
+    }
+
+    /// The launcher's own arguments; [`RunArguments::for_process`] makes the children's.
+    pub fn arguments(&self) -> &RunArguments {
+        &self.arguments
+    }
+
+    /// A receiving side of a topic, for the launcher's own status line and summary.
+    ///
+    /// # Errors
+    /// As [`Node::input_with`](crate::Node::input_with).
+    pub fn input_with<M: Message>(&self, topic: &'static str, options: InputOptions) -> Result<Input<M>, PortError> {
+        Input::new(&self.shared, topic, options)
+    }
+
+    /// Waits for a report, the end of a child, or the deadline. `children` are process descriptors (see
+    /// [`process_descriptor`]).
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn wait(&mut self, children: &[RawFd], deadline_ns: Option<u64>) -> Result<LauncherWake, NodeError> {
+        loop {
+            if signal::stop_requested() {
+                return Ok(LauncherWake::Stop);
+            }
+            if self.reports.pending()? {
+                return Ok(LauncherWake::Report);
+            }
+            let now = now_ns();
+            if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                return Ok(LauncherWake::Deadline);
+            }
+            self.poll.clear();
+            self.poll.add(signal::stop_descriptor());
+            self.poll.add(self.reports.descriptor());
+            for child in children {
+                self.poll.add(*child);
+            }
+            let timeout = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
+            self.poll.wait(timeout.min(250_000_000))?;
+            self.shared.connect();
+            if self.poll.is_ready(1) {
+                self.reports.drain();
+            }
+            // A child's last report comes before its end.
+            if self.reports.pending()? {
+                return Ok(LauncherWake::Report);
+            }
+            if let Some(child) = (0..children.len()).find(|child| self.poll.is_ready(2 + child)) {
+                return Ok(LauncherWake::Child(child));
+            }
+        }
+    }
+
+    /// The next report that waits.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn next_report(&mut self) -> Result<Option<Report>, PortError> {
+        Ok(self.reports.next()?.copied())
+    }
+
+    /// Waits until every one of `processes` said that it is ready. `children` are their process descriptors.
+    ///
+    /// # Errors
+    /// [`NodeError::NotReady`] at the deadline, when a child ends, or on a signal; [`NodeError::ProcessFailed`] when one
+    /// says so.
+    pub fn wait_ready(&mut self, processes: &[&str], children: &[RawFd], deadline_ns: u64) -> Result<(), NodeError> {
+        let mut missing: Vec<&str> = processes.to_vec();
+        let not_ready = |missing: &[&str]| NodeError::NotReady { missing: missing.join(", ") };
+        while !missing.is_empty() {
+            match self.wait(children, Some(deadline_ns))? {
+                LauncherWake::Report => {
+                    while let Some(report) = self.next_report()? {
+                        let process = text_of(&report.process);
+                        if report.header.run_id != self.arguments.run_id {
+                            continue;
+                        }
+                        if report.state == 4 {
+                            return Err(NodeError::ProcessFailed { process, text: text_of(&report.text) });
+                        }
+                        missing.retain(|name| *name != process);
+                    }
+                }
+                LauncherWake::Child(child) => {
+                    return Err(not_ready(&processes.get(child).map_or(missing.clone(), |name| vec![*name])));
+                }
+                LauncherWake::Deadline | LauncherWake::Stop => return Err(not_ready(&missing)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts everybody.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn start(&mut self) -> Result<(), PortError> {
+        self.shared.start_ns.set(now_ns());
+        self.command(1, u32::MAX, 0, 0)
+    }
+
+    /// Starts one process, such as a restarted one, by its place in launch order.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn start_process(&mut self, index: u32) -> Result<(), PortError> {
+        self.command(1, index, 0, 0)
+    }
+
+    /// Has a process take over from `step` on.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn take_over(&mut self, index: u32, step: u32) -> Result<(), PortError> {
+        self.command(3, index, step, 0)
+    }
+
+    /// Asks everybody to end.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn stop(&mut self) -> Result<(), PortError> {
+        self.command(2, u32::MAX, 0, 0)
+    }
+
+    /// Asks everybody for a report.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn request_reports(&mut self) -> Result<(), PortError> {
+        self.command(4, u32::MAX, 0, 0)
+    }
+
+    fn command(&mut self, command: u32, process: u32, step: u32, argument: u64) -> Result<(), PortError> {
+        let stamp = Stamp { episode: 0, step, cause_ns: 0 };
+        self.control.send_with(stamp, |control| {
+            control.command = command;
+            control.process = process;
+            control.argument = argument;
+        })
+    }
+
+    /// Removes what dead processes of this instance left; for after a child's death.
+    ///
+    /// # Errors
+    /// [`NodeError::Instance`].
+    pub fn clean(&self) -> Result<CleanupReport, NodeError> {
+        Ok(instance::clean_nodes(&self.arguments.root, &self.arguments.instance)?)
+    }
+}
+
+/// A descriptor that becomes readable when the process ends; close it with its owner.
+///
+/// # Errors
+/// [`NodeError::System`] if there is no such process.
+pub fn process_descriptor(pid: u32) -> Result<std::os::fd::OwnedFd, NodeError> {
+    use std::os::fd::FromRawFd;
+    // SAFETY: a plain system call; the descriptor it returns is ours.
+    unsafe {
+        let descriptor = libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) as RawFd;
+        if descriptor < 0 {
+            return Err(NodeError::System {
+                call: "pidfd_open",
+                source: std::io::Error::last_os_error(),
+            });
+        }
+        Ok(std::os::fd::OwnedFd::from_raw_fd(descriptor))
+    }
+}
+
+/// Zero-padded text of a message's field.
+pub fn text_of(bytes: &[u8]) -> String {
+    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..end]).into_owned()
+}
+
+fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
+    fn open<M: Message>(shared: &Rc<Shared>, topic: &str, kept: &mut Vec<Box<dyn Any>>) -> Result<(), PortError> {
+        kept.push(Box::new(open_topic::<M>(&shared.node, topic)?));
+        kept.push(Box::new(open_bell(&shared.node, topic)?));
+        Ok(())
+    }
+    let mut kept = Vec::new();
+    open::<messages::LidarFrame>(shared, topic::LIDAR, &mut kept)?;
+    open::<messages::Scene>(shared, topic::SCENE, &mut kept)?;
+    open::<messages::Outcome>(shared, topic::OUTCOME, &mut kept)?;
+    open::<messages::RobotBelief>(shared, topic::ROBOT_BELIEF, &mut kept)?;
+    open::<messages::HumanBelief>(shared, topic::HUMAN_BELIEF, &mut kept)?;
+    open::<messages::CommAction>(shared, topic::COMM_ACTION, &mut kept)?;
+    open::<messages::Display>(shared, topic::DISPLAY, &mut kept)?;
+    open::<messages::DriverAction>(shared, topic::DRIVER_ACTION, &mut kept)?;
+    open::<messages::ImagineRequest>(shared, topic::IMAGINE, &mut kept)?;
+    open::<messages::ImagineAnswer>(shared, topic::IMAGINE_ANSWER, &mut kept)?;
+    Ok(kept)
+}

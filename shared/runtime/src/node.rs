@@ -1,0 +1,539 @@
+//! A process's place in a run: it makes the ports, waits for messages, and reports to the launcher.
+
+use crate::alloc_count::allocations;
+use crate::arguments::RunArguments;
+use crate::clock::{Ticker, now_ns};
+use crate::error::{NodeError, PortError};
+use crate::imagine::{RequestClient, RequestServer};
+use crate::input::{Counter, Input, InputOptions, Receive, Source};
+use crate::output::{Connect, Output, Stamp};
+use crate::service::Ipc;
+use crate::timing::StageTimer;
+use crate::{instance, signal};
+use core::cell::{Cell, RefCell};
+use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
+use messages::{Control, Message, Report, topic};
+use std::os::fd::RawFd;
+use std::rc::{Rc, Weak};
+
+/// Steps after which the loop counts as steady: connections stand and buffers have their sizes.
+const WARM_UP_STEPS: u64 = 10;
+/// A blocked process looks up this often, to connect to those that joined meanwhile.
+const LOOK_UP_NS: u64 = 250_000_000;
+
+/// Why a wait ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wake {
+    /// What was waited for is there.
+    Message,
+    /// The deadline passed.
+    Deadline,
+    /// The process shall end: SIGTERM, SIGINT, the launcher's word or the launcher's death.
+    Stop,
+}
+
+/// What a node and its ports have in common.
+pub(crate) struct Shared {
+    pub(crate) node: iceoryx2::node::Node<Ipc>,
+    pub(crate) run_id: u64,
+    /// When the launcher started the run; 0 before.
+    pub(crate) start_ns: Cell<u64>,
+    /// When the last wait ended.
+    wake_ns: Cell<u64>,
+    /// What this step computed before its last wait.
+    banked_ns: Cell<u64>,
+    pub(crate) outputs: RefCell<Vec<Weak<dyn Connect>>>,
+    pub(crate) counters: RefCell<Vec<Rc<Counter>>>,
+}
+
+impl Shared {
+    pub(crate) fn open(arguments: &RunArguments) -> Result<Rc<Self>, NodeError> {
+        signal::install()?;
+        let failed = |reason: String| NodeError::Join {
+            instance: arguments.instance.clone(),
+            process: arguments.process.clone(),
+            reason,
+        };
+        let config = instance::config(&arguments.root, &arguments.instance)?;
+        let name = NodeName::new(&arguments.process).map_err(|error| failed(format!("{error:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            // Signals are ours; see `signal`.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(|error| failed(format!("{error:?}")))?;
+        Ok(Rc::new(Self {
+            node,
+            run_id: arguments.run_id,
+            start_ns: Cell::new(0),
+            wake_ns: Cell::new(now_ns()),
+            banked_ns: Cell::new(0),
+            outputs: RefCell::new(Vec::new()),
+            counters: RefCell::new(Vec::new()),
+        }))
+    }
+
+    /// What this step computed until `now`, without waiting.
+    pub(crate) fn computed_ns(&self, now: u64) -> u64 {
+        self.banked_ns.get() + now.saturating_sub(self.wake_ns.get())
+    }
+
+    pub(crate) fn fall_asleep(&self) {
+        self.banked_ns.set(self.computed_ns(now_ns()));
+    }
+
+    pub(crate) fn wake_up(&self) {
+        self.wake_ns.set(now_ns());
+    }
+
+    fn begin_step(&self, now: u64) {
+        self.banked_ns.set(0);
+        self.wake_ns.set(now);
+    }
+
+    /// Connects the outputs to inputs that were made since.
+    pub(crate) fn connect(&self) {
+        for output in self.outputs.borrow().iter() {
+            if let Some(output) = output.upgrade() {
+                output.connect();
+            }
+        }
+    }
+}
+
+/// A set of descriptors to poll. Filling and polling it allocates nothing once it has been as large before.
+pub(crate) struct Poll {
+    descriptors: Vec<libc::pollfd>,
+}
+
+impl Poll {
+    pub(crate) fn new() -> Self {
+        Self { descriptors: Vec::with_capacity(64) }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.descriptors.clear();
+    }
+
+    /// Adds a descriptor; a negative one keeps its place and is never ready.
+    pub(crate) fn add(&mut self, fd: RawFd) {
+        self.descriptors.push(libc::pollfd { fd, events: libc::POLLIN, revents: 0 });
+    }
+
+    pub(crate) fn is_ready(&self, index: usize) -> bool {
+        self.descriptors[index].revents != 0
+    }
+
+    /// Blocks until a descriptor is ready or the time has come.
+    pub(crate) fn wait(&mut self, timeout_ns: u64) -> Result<(), NodeError> {
+        let timeout = libc::timespec {
+            tv_sec: (timeout_ns / 1_000_000_000) as libc::time_t,
+            tv_nsec: (timeout_ns % 1_000_000_000) as libc::c_long,
+        };
+        // SAFETY: a live array of the stated length, a live timespec, no signal mask.
+        let ready = unsafe {
+            libc::ppoll(
+                self.descriptors.as_mut_ptr(),
+                self.descriptors.len() as libc::nfds_t,
+                &timeout,
+                core::ptr::null(),
+            )
+        };
+        if ready < 0 {
+            let source = std::io::Error::last_os_error();
+            if source.kind() != std::io::ErrorKind::Interrupted {
+                return Err(NodeError::System { call: "ppoll", source });
+            }
+            for descriptor in &mut self.descriptors {
+                descriptor.revents = 0;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A process's node.
+pub struct Node {
+    report: Output<Report>,
+    control: Input<Control>,
+    shared: Rc<Shared>,
+    arguments: RunArguments,
+    launcher: RawFd,
+    poll: Poll,
+    timer: StageTimer,
+    steps: u64,
+    missed: u64,
+    allocations: u64,
+    allocations_before: u64,
+    started: bool,
+    stopped: bool,
+    take_over: Option<u32>,
+    digest: [u8; 32],
+}
+
+impl Node {
+    /// Joins the run. Signal handlers are installed, and the process's life is tied to its launcher's.
+    ///
+    /// # Errors
+    /// [`NodeError::LauncherGone`], [`NodeError::Join`], or what the control and report ports meet.
+    pub fn join(arguments: &RunArguments) -> Result<Self, NodeError> {
+        let launcher = if arguments.launcher_pid != 0 {
+            signal::install()?;
+            signal::follow_launcher(arguments)?
+        } else {
+            -1
+        };
+        let shared = Shared::open(arguments)?;
+        let control = Input::new(&shared, topic::CONTROL, InputOptions::new(Receive::InOrder))?;
+        let report = Output::new(&shared, topic::REPORT)?;
+        // The launcher's words are no business of the run's losses.
+        shared.counters.borrow_mut().clear();
+        Ok(Self {
+            report,
+            control,
+            shared,
+            arguments: arguments.clone(),
+            launcher,
+            poll: Poll::new(),
+            timer: StageTimer::new(),
+            steps: 0,
+            missed: 0,
+            allocations: 0,
+            allocations_before: 0,
+            started: false,
+            stopped: false,
+            take_over: None,
+            digest: [0; 32],
+        })
+    }
+
+    /// The arguments that the node joined with.
+    pub fn arguments(&self) -> &RunArguments {
+        &self.arguments
+    }
+
+    /// Makes the sending side of a topic.
+    ///
+    /// # Errors
+    /// [`PortError::Layout`] if the topic carries another version of the message; [`PortError::Open`],
+    /// [`PortError::Create`].
+    pub fn output<M: Message>(&self, topic: &'static str) -> Result<Output<M>, PortError> {
+        Output::new(&self.shared, topic)
+    }
+
+    /// Makes a receiving side of a topic, with a usual buffer.
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn input<M: Message>(&self, topic: &'static str, receive: Receive) -> Result<Input<M>, PortError> {
+        Input::new(&self.shared, topic, InputOptions::new(receive))
+    }
+
+    /// Makes a receiving side of a topic.
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn input_with<M: Message>(&self, topic: &'static str, options: InputOptions) -> Result<Input<M>, PortError> {
+        Input::new(&self.shared, topic, options)
+    }
+
+    /// The asking side of imagination (`human/imagine`).
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn request_client(&self) -> Result<RequestClient, PortError> {
+        RequestClient::new(self)
+    }
+
+    /// The answering side of imagination (`human/imagine`).
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn request_server(&self) -> Result<RequestServer, PortError> {
+        RequestServer::new(self)
+    }
+
+    /// Tells the launcher that all ports stand, and waits for its start: [`Wake::Message`], or [`Wake::Stop`] if the run
+    /// ends before it began. No message is lost that is sent after everybody's start.
+    ///
+    /// # Errors
+    /// [`NodeError::Port`], [`NodeError::System`].
+    pub fn ready(&mut self) -> Result<Wake, NodeError> {
+        self.shared.connect();
+        self.send_report(1, "")?;
+        while !self.started {
+            if self.wait(&mut [], None)? == Wake::Stop {
+                return Ok(Wake::Stop);
+            }
+        }
+        self.shared.connect();
+        self.shared.begin_step(now_ns());
+        self.allocations_before = allocations();
+        Ok(Wake::Message)
+    }
+
+    /// Whether the process shall end.
+    pub fn stop_requested(&self) -> bool {
+        self.stopped || signal::stop_requested()
+    }
+
+    /// The step from which on this process shall act, if the launcher had it take over from another.
+    pub fn take_over_step(&self) -> Option<u32> {
+        self.take_over
+    }
+
+    /// Waits until a message waits at any of `sources`, or until `deadline_ns` ([`now_ns`]).
+    ///
+    /// # Errors
+    /// [`NodeError::Port`], [`NodeError::System`].
+    pub fn wait(&mut self, sources: &mut [&mut dyn Source], deadline_ns: Option<u64>) -> Result<Wake, NodeError> {
+        self.wait_until(sources, deadline_ns, |sources| {
+            for source in sources.iter_mut() {
+                if source.pending()? {
+                    return Ok(true);
+                }
+            }
+            Ok(false)
+        })
+    }
+
+    /// Waits until every one of `sources` holds its message of this episode and step as the current one: lockstep.
+    ///
+    /// # Errors
+    /// [`NodeError::Overtaken`] if an in-order source has a later message instead; as [`Node::wait`].
+    pub fn wait_step(
+        &mut self,
+        sources: &mut [&mut dyn Source],
+        episode: u32,
+        step: u32,
+        deadline_ns: Option<u64>,
+    ) -> Result<Wake, NodeError> {
+        self.wait_until(sources, deadline_ns, |sources| {
+            let mut complete = true;
+            for source in sources.iter_mut() {
+                complete &= source.advance_to(episode, step)?;
+            }
+            Ok(complete)
+        })
+    }
+
+    /// Waits for the ticker's next beat, ignoring messages, and counts the beats missed before it.
+    ///
+    /// # Errors
+    /// [`NodeError::Port`], [`NodeError::System`].
+    pub fn wait_tick(&mut self, ticker: &mut Ticker) -> Result<Wake, NodeError> {
+        let wake = self.wait_until(&mut [], Some(ticker.deadline_ns()), |_| Ok(false))?;
+        if wake == Wake::Deadline {
+            self.missed += ticker.advance(now_ns());
+        }
+        Ok(wake)
+    }
+
+    fn wait_until(
+        &mut self,
+        sources: &mut [&mut dyn Source],
+        deadline_ns: Option<u64>,
+        mut is_done: impl FnMut(&mut [&mut dyn Source]) -> Result<bool, NodeError>,
+    ) -> Result<Wake, NodeError> {
+        self.shared.fall_asleep();
+        let spin_end = match self.arguments.spin_us {
+            0 => 0,
+            spin => now_ns() + u64::from(spin) * 1_000,
+        };
+        let was_started = self.started;
+        let wake = loop {
+            if self.stop_requested() {
+                break Wake::Stop;
+            }
+            if is_done(sources)? {
+                break Wake::Message;
+            }
+            self.serve_control()?;
+            if self.stop_requested() {
+                break Wake::Stop;
+            }
+            if self.started != was_started {
+                break Wake::Message;
+            }
+            let now = now_ns();
+            if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                break Wake::Deadline;
+            }
+            if now < spin_end {
+                core::hint::spin_loop();
+                continue;
+            }
+            self.block(sources, deadline_ns, now)?;
+        };
+        self.shared.wake_up();
+        Ok(wake)
+    }
+
+    fn block(&mut self, sources: &mut [&mut dyn Source], deadline_ns: Option<u64>, now: u64) -> Result<(), NodeError> {
+        self.poll.clear();
+        self.poll.add(signal::stop_descriptor());
+        self.poll.add(self.launcher);
+        self.poll.add(self.control.descriptor());
+        for source in sources.iter() {
+            self.poll.add(source.descriptor());
+        }
+        let until_deadline = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
+        self.poll.wait(until_deadline.min(LOOK_UP_NS))?;
+        if self.poll.is_ready(1) {
+            signal::launcher_died();
+        }
+        let mut woken = false;
+        if self.poll.is_ready(2) {
+            self.control.drain();
+            woken = true;
+        }
+        // Listeners are emptied before the messages are looked at, so that no message can fall between.
+        for (index, source) in sources.iter_mut().enumerate() {
+            if self.poll.is_ready(3 + index) {
+                source.drain();
+                woken = true;
+            }
+        }
+        if !woken {
+            self.shared.connect();
+        }
+        Ok(())
+    }
+
+    fn serve_control(&mut self) -> Result<(), NodeError> {
+        while self.control.take()? {
+            let Some(control) = self.control.message() else { break };
+            let (command, process, run_id) = (control.command, control.process, control.header.run_id);
+            let (step, sent_ns) = (control.header.step, control.header.sent_ns);
+            if run_id != self.shared.run_id || (process != u32::MAX && process != self.arguments.index) {
+                continue;
+            }
+            match command {
+                1 | 3 => {
+                    if command == 3 {
+                        self.take_over = Some(step);
+                    }
+                    if !self.started {
+                        self.started = true;
+                        self.shared.start_ns.set(sent_ns);
+                    }
+                }
+                2 => self.stopped = true,
+                4 => self.send_report(2, "")?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends a step: its compute time goes into the histogram, and allocations are counted once the loop is steady.
+    pub fn end_step(&mut self) {
+        let now = now_ns();
+        self.timer.record(self.shared.computed_ns(now));
+        self.shared.begin_step(now);
+        self.steps += 1;
+        let allocations_now = allocations();
+        if self.steps > WARM_UP_STEPS {
+            self.allocations += allocations_now - self.allocations_before;
+        }
+        self.allocations_before = allocations_now;
+    }
+
+    /// Steps ended so far.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Counts missed deadlines that the process noticed itself, such as a decision that came late.
+    pub fn count_missed(&mut self, missed: u64) {
+        self.missed += missed;
+    }
+
+    /// Heap allocations of this thread since the loop became steady (ten steps); needs
+    /// [`CountingAllocator`](crate::CountingAllocator).
+    pub fn steady_allocations(&self) -> u64 {
+        self.allocations
+    }
+
+    /// The histogram of compute times.
+    pub fn timer(&self) -> &StageTimer {
+        &self.timer
+    }
+
+    /// Messages lost at this process's inputs, by topic.
+    pub fn lost(&self) -> Vec<(&'static str, u64)> {
+        let counters = self.shared.counters.borrow();
+        counters.iter().map(|counter| (counter.topic, counter.lost.get())).collect()
+    }
+
+    /// Puts a digest ([`Digest`](crate::Digest)) into the reports to come: for the recorder.
+    pub fn set_digest(&mut self, digest: [u8; 32]) {
+        self.digest = digest;
+    }
+
+    /// Sends the last report, of a run that ended well.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn finish(&mut self) -> Result<(), PortError> {
+        self.send_report(3, "")
+    }
+
+    /// Tells the launcher why the process cannot go on, in at most 256 bytes.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn fail(&mut self, text: &str) -> Result<(), PortError> {
+        self.send_report(4, text)
+    }
+
+    /// Sends a report with a line for people.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn say(&mut self, text: &str) -> Result<(), PortError> {
+        self.send_report(2, text)
+    }
+
+    fn send_report(&self, state: u32, text: &str) -> Result<(), PortError> {
+        let counters = self.shared.counters.borrow();
+        self.report.send_with(Stamp::default(), |report| {
+            copy_text(&mut report.process, &self.arguments.process);
+            copy_text(&mut report.text, text);
+            report.compute_ns = self.timer.summary_ns();
+            report.steps = self.steps;
+            report.missed_deadlines = self.missed;
+            report.allocations = self.allocations;
+            report.digest = self.digest;
+            report.pid = std::process::id();
+            report.state = state;
+            report.index = self.arguments.index;
+            for (port, counter) in report.ports.iter_mut().zip(counters.iter()) {
+                copy_text(&mut port.topic, counter.topic);
+                port.received = counter.received.get();
+                port.lost = counter.lost.get();
+            }
+            report.port_count = counters.len().min(report.ports.len()) as u32;
+        })
+    }
+}
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        if self.launcher >= 0 {
+            // SAFETY: the descriptor is ours, and closed only here.
+            unsafe { libc::close(self.launcher) };
+        }
+    }
+}
+
+/// Copies as much of `text` as fits, to a character's border, and fills up with zeros.
+fn copy_text(bytes: &mut [u8], text: &str) {
+    let mut end = text.len().min(bytes.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    bytes.fill(0);
+    bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
+}

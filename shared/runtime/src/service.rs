@@ -1,0 +1,150 @@
+//! Opening iceoryx2 services: sizes, and the layout attribute that keeps out processes of another version.
+
+use crate::error::PortError;
+use iceoryx2::prelude::*;
+use iceoryx2::service::ServiceDetails;
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use messages::Message;
+use std::time::{Duration, Instant};
+
+pub(crate) type Ipc = ipc::Service;
+pub(crate) type Topic<M> = publish_subscribe::PortFactory<Ipc, M, ()>;
+pub(crate) type Bell = event::PortFactory<Ipc>;
+
+/// Messages that an input holds before the oldest is lost, unless it asks otherwise.
+pub const DEFAULT_BUFFER: usize = 64;
+/// Messages that the recorder's inputs hold: half a second of the fastest lockstep run.
+pub const RECORDER_BUFFER: usize = 1024;
+/// From this size on a message is a bulk transfer between two processes (imagination) rather than state.
+const BULK_BYTES: usize = 64 << 10;
+
+/// Name of the attribute that carries a message's type and layout.
+const LAYOUT_KEY: &str = "mirror.layout";
+
+/// The sizes of a topic's service: the same in every process, because they follow from topic and message alone.
+pub(crate) struct Sizes {
+    /// Largest buffer that an input may have.
+    pub(crate) buffer: usize,
+    pub(crate) subscribers: usize,
+    pub(crate) publishers: usize,
+    pub(crate) borrowed: usize,
+    pub(crate) history: usize,
+    /// Messages that a publisher's shared memory has room for.
+    pub(crate) slots: usize,
+}
+
+impl Sizes {
+    pub(crate) fn of<M: Message>(topic: &str) -> Self {
+        if size_of::<M>() >= BULK_BYTES {
+            Self { buffer: 4, subscribers: 2, publishers: 4, borrowed: 2, history: 0, slots: 14 }
+        } else if topic.starts_with("run/") {
+            Self { buffer: DEFAULT_BUFFER, subscribers: 24, publishers: 24, borrowed: 4, history: 1, slots: 512 }
+        } else {
+            // One recorder and eight others may each have stalled with another set of messages in hand.
+            let (buffer, borrowed) = (RECORDER_BUFFER, 4);
+            let slots = RECORDER_BUFFER + 8 * (DEFAULT_BUFFER + borrowed) + 8;
+            Self { buffer, subscribers: 16, publishers: 4, borrowed, history: 1, slots }
+        }
+    }
+}
+
+/// A message's type name and layout, as the service's attribute carries it.
+pub(crate) fn layout_of<M: Message>() -> String {
+    format!("{} layout {:016x}", M::TYPE_NAME, M::layout())
+}
+
+fn name(topic: &str) -> Result<ServiceName, PortError> {
+    ServiceName::new(topic).map_err(|reason| open_error(topic, reason))
+}
+
+fn open_error(topic: &str, reason: impl core::fmt::Debug) -> PortError {
+    PortError::Open {
+        topic: topic.to_owned(),
+        reason: format!("{reason:?}"),
+    }
+}
+
+/// Whether trying again can help: somebody else is just creating or removing the service.
+fn passes<T: core::fmt::Debug>(error: &T) -> bool {
+    let name = format!("{error:?}");
+    ["SystemInFlux", "IsMarkedForDestruction", "IsBeingCreatedByAnotherInstance", "AlreadyExists", "HangsInCreation", "DoesNotExist"]
+        .iter()
+        .any(|passing| name.contains(passing))
+}
+
+fn patiently<T, E: core::fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+    let end = Instant::now() + Duration::from_secs(2);
+    loop {
+        match open() {
+            Err(error) if passes(&error) && Instant::now() < end => std::thread::sleep(Duration::from_millis(2)),
+            done => return done,
+        }
+    }
+}
+
+/// Opens or creates the publish-subscribe service of a topic.
+pub(crate) fn open_topic<M: Message>(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Result<Topic<M>, PortError> {
+    let sizes = Sizes::of::<M>(topic);
+    let service_name = name(topic)?;
+    let layout = layout_of::<M>();
+    let key = LAYOUT_KEY.try_into().map_err(|error| open_error(topic, error))?;
+    let value = layout.as_str().try_into().map_err(|error| open_error(topic, error))?;
+    let verifier = AttributeVerifier::new()
+        .require(&key, &value)
+        .map_err(|error| open_error(topic, error))?;
+    patiently(|| {
+        node.service_builder(&service_name)
+            .publish_subscribe::<M>()
+            .max_publishers(sizes.publishers)
+            .max_subscribers(sizes.subscribers)
+            .max_nodes(40)
+            .subscriber_max_buffer_size(sizes.buffer)
+            .subscriber_max_borrowed_samples(sizes.borrowed)
+            .history_size(sizes.history)
+            .enable_safe_overflow(true)
+            .open_or_create_with_attributes(&verifier)
+    })
+    .map_err(|error| {
+        use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError as Failure;
+        match error {
+            Failure::PublishSubscribeOpenError(
+                PublishSubscribeOpenError::IncompatibleTypes | PublishSubscribeOpenError::IncompatibleAttributes,
+            ) => PortError::Layout {
+                topic: topic.to_owned(),
+                ours: layout,
+                theirs: layout_in_use(node, topic).unwrap_or_else(|| "an unknown layout".to_owned()),
+            },
+            other => open_error(topic, other),
+        }
+    })
+}
+
+/// What the existing service of a topic says about its message.
+fn layout_in_use(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Option<String> {
+    let details: ServiceDetails<Ipc> =
+        Ipc::details(&ServiceName::new(topic).ok()?, node.config(), MessagingPattern::PublishSubscribe).ok()??;
+    let key = LAYOUT_KEY.try_into().ok()?;
+    match details.static_details.attributes().key_value(&key, 0) {
+        Some(layout) => Some(layout.to_string()),
+        None => Some(format!(
+            "{} without a layout",
+            details.static_details.publish_subscribe().message_type_details().payload.type_name()
+        )),
+    }
+}
+
+/// Opens or creates the event service of a topic, which wakes those who wait for its messages.
+pub(crate) fn open_bell(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Result<Bell, PortError> {
+    let service_name = name(topic)?;
+    patiently(|| {
+        node.service_builder(&service_name)
+            .event()
+            .max_notifiers(32)
+            .max_listeners(32)
+            .max_nodes(40)
+            .event_id_max_value(1)
+            .open_or_create()
+    })
+    .map_err(|error| open_error(topic, error))
+}

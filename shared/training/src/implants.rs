@@ -1,0 +1,300 @@
+//! Learning implants from a person's demonstrations (paper §III-B, equation 5):
+//!
+//! ```text
+//! argmin_χ  − Σ_t E_{z_t ~ q(z_t | x_{1:t}, a_{1:t−1}, χ)} [log π(a_t | z_t)]  −  λ log p(χ)
+//! ```
+//!
+//! Only χ moves. The rounds are cut into windows; every iteration follows all of them through q_φ and the perceptual
+//! implant, and Adam moves χ along the gradient.
+
+use crate::SHARDS;
+use crate::demonstrations::Demonstrations;
+use models::implants::{Attached, Implants, perceive_on_tape, policy_on_tape};
+use models::policy::unsquash;
+use models::{Kind, SelfModel};
+use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use thiserror::Error;
+
+/// Settings; the defaults are the authors' (DESIGN §11) where they gave some.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Adam's rate.
+    pub learning_rate: f32,
+    /// Steps of Adam.
+    pub iterations: usize,
+    /// Steps per window.
+    pub window: usize,
+    /// Steps from one window's start to the next one's: half a window, so that every moment is seen with some history.
+    pub stride: usize,
+    /// Steps at a round's start that are left out.
+    pub skip: usize,
+    /// Weights of the action's dimensions: throttle, steer.
+    pub weights: [f32; 2],
+    /// λ: penalty on the mean square of δ.
+    pub residual_penalty: f32,
+    /// Steps at a window's start that only build up the belief.
+    pub warm_up: usize,
+    /// Seed of the residual's first weights and of the noise.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            learning_rate: 0.2,
+            iterations: 100,
+            window: 50,
+            stride: 25,
+            skip: 20,
+            weights: [0.1, 1.0],
+            residual_penalty: 2.0,
+            warm_up: 5,
+            seed: 0,
+        }
+    }
+}
+
+/// Learning is impossible.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum ImplantError {
+    /// No round is long enough.
+    #[error(
+        "no round has {needed} steps after the first {skip}: there is nothing to learn from ({rounds} rounds, longest {longest} steps)"
+    )]
+    TooShort {
+        /// Steps that a window needs at least.
+        needed: usize,
+        /// Steps left out at the start.
+        skip: usize,
+        /// Rounds given.
+        rounds: usize,
+        /// Longest of them.
+        longest: usize,
+    },
+    /// The kind of human model has no implants.
+    #[error("a human model of kind `{0}` has no implants to learn")]
+    NoImplants(&'static str),
+}
+
+/// What learning gave.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    /// The implants.
+    pub implants: Implants,
+    /// The loss at every iteration.
+    pub losses: Vec<f32>,
+}
+
+/// One shard's windows, all of equal length: `features × windows` per step.
+pub struct Windows {
+    /// x^visual_t.
+    pub visual: Vec<Tensor>,
+    /// a_t before tanh: what the person did having seen x_t.
+    pub action: Vec<Tensor>,
+    /// a_{t−1}.
+    pub previous: Vec<Tensor>,
+    /// ε of z_t.
+    pub noise: Vec<Tensor>,
+}
+
+/// Cuts rounds into windows, in shards.
+pub fn windows(
+    demonstrations: &Demonstrations,
+    settings: &Settings,
+    latent: usize,
+) -> Result<Vec<Windows>, ImplantError> {
+    let longest = demonstrations.rounds.iter().map(|r| r.steps.len()).max();
+    let longest = longest.unwrap_or(0);
+    let available = longest.saturating_sub(settings.skip);
+    let length = settings.window.min(available);
+    let needed = settings.warm_up + 2;
+    if length < needed {
+        return Err(ImplantError::TooShort {
+            needed,
+            skip: settings.skip,
+            rounds: demonstrations.rounds.len(),
+            longest,
+        });
+    }
+    let mut starts = Vec::new();
+    for (r, round) in demonstrations.rounds.iter().enumerate() {
+        let n = round.steps.len();
+        if n < settings.skip + length {
+            continue;
+        }
+        let last = n - length;
+        let mut start = settings.skip;
+        while start < last {
+            starts.push((r, start));
+            start += settings.stride.max(1);
+        }
+        starts.push((r, last)); // a round's end is where things happen
+    }
+    let shards = SHARDS.min(starts.len());
+    Ok((0..shards)
+        .map(|s| {
+            let mine = &starts[starts.len() * s / shards..starts.len() * (s + 1) / shards];
+            let tensor = |rows| Tensor::new(rows, mine.len());
+            let mut windows = Windows {
+                visual: vec![tensor(crate::replay::VISUAL); length],
+                action: vec![tensor(2); length],
+                previous: vec![tensor(2); length],
+                noise: vec![tensor(latent); length],
+            };
+            for (j, &(r, start)) in mine.iter().enumerate() {
+                let steps = &demonstrations.rounds[r].steps;
+                for t in 0..length {
+                    let step = &steps[start + t];
+                    windows.visual[t]
+                        .column_mut(j)
+                        .copy_from_slice(&step.visual);
+                    windows.action[t]
+                        .column_mut(j)
+                        .copy_from_slice(&step.action.map(unsquash));
+                    let previous = match start + t {
+                        0 => [0.0; 2],
+                        i => steps[i - 1].action,
+                    };
+                    windows.previous[t].column_mut(j).copy_from_slice(&previous);
+                }
+            }
+            windows
+        })
+        .collect())
+}
+
+/// Learns implants of `kind` from `demonstrations`, on the unchanged `model`.
+pub fn learn(
+    model: &SelfModel,
+    kind: Kind,
+    demonstrations: &Demonstrations,
+    settings: &Settings,
+    mut progress: impl FnMut(usize, f32),
+) -> Result<Learned, ImplantError> {
+    let with_policy = match kind {
+        Kind::Mirror => true,
+        Kind::MirrorP => false,
+        Kind::Myself => return Err(ImplantError::NoImplants(kind.name())),
+    };
+    let latent = model.sizes.latent;
+    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+    let mut implants = Implants::new(latent, model.sizes.shape.action, with_policy, &mut rng);
+    let mut parameters = model.parameters.clone();
+    let attached = implants.attach(&mut parameters);
+    let mut shards = windows(demonstrations, settings, latent)?;
+    let total: usize = shards.iter().map(|s| s.visual[0].cols()).sum();
+    let mut arenas: Vec<Arena> = shards.iter().map(|_| Arena::default()).collect();
+    let mut gradients: Vec<Gradients> = shards
+        .iter()
+        .map(|_| Gradients::for_params(&parameters))
+        .collect();
+    let mut adam = Adam::new(&parameters, attached.ids().to_vec(), settings.learning_rate);
+    let mut losses = Vec::with_capacity(settings.iterations);
+    for iteration in 0..settings.iterations {
+        for (s, shard) in shards.iter_mut().enumerate() {
+            for (t, noise) in shard.noise.iter_mut().enumerate() {
+                let stream = ((iteration * 2 + s) * 4096 + t) as u64;
+                noise::fill(noise.data_mut(), settings.seed, stream);
+            }
+        }
+        let mut loss = 0.0;
+        std::thread::scope(|scope| {
+            let jobs: Vec<_> = shards
+                .iter()
+                .zip(&mut arenas)
+                .zip(&mut gradients)
+                .map(|((shard, arena), gradients)| {
+                    let (parameters, attached) = (&parameters, &attached);
+                    scope.spawn(move || {
+                        gradients.zero();
+                        let mut tape = Tape::new(parameters, arena);
+                        let loss =
+                            negative_log_likelihood(&mut tape, model, attached, shard, settings);
+                        // Every window weighs the same, however the shards were cut.
+                        let share = shard.visual[0].cols() as f32 / total as f32;
+                        let loss = tape.scale(loss, share);
+                        let value = tape.value(loss)[0];
+                        tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
+                        value
+                    })
+                })
+                .collect();
+            for job in jobs {
+                match job.join() {
+                    Ok(value) => loss += value,
+                    Err(panic) => std::panic::resume_unwind(panic),
+                }
+            }
+        });
+        let (first, rest) = gradients.split_at_mut(1);
+        for other in rest {
+            first[0].add(other);
+        }
+        adam.step(&mut parameters, &first[0]);
+        losses.push(loss);
+        progress(iteration + 1, loss);
+    }
+    implants.detach(&parameters, &attached);
+    Ok(Learned { implants, losses })
+}
+
+/// Equation 5's loss over one shard of windows, averaged over windows and steps.
+pub fn negative_log_likelihood(
+    tape: &mut Tape,
+    model: &SelfModel,
+    attached: &Attached,
+    windows: &Windows,
+    settings: &Settings,
+) -> Var {
+    let steps = windows.visual.len();
+    let batch = windows.visual[0].cols();
+    let counted = steps - settings.warm_up.min(steps - 1);
+    let weights = tape.input_with(2, batch, |out| {
+        for pair in out.chunks_exact_mut(2) {
+            pair.copy_from_slice(&settings.weights);
+        }
+    });
+    let mut previous: Option<Var> = None;
+    let mut sum: Option<Var> = None;
+    for t in 0..steps {
+        let observed = perceive_on_tape(tape, attached, &model.sizes.shape, &windows.visual[t]);
+        let action = tape.input(&windows.previous[t]);
+        let (mean, deviation) = model.posterior(tape, previous.map(|z| (z, action)), observed);
+        let noise = tape.input(&windows.noise[t]);
+        let z = tape.gaussian_sample(mean, deviation, noise);
+        previous = Some(z);
+        if t < steps - counted {
+            continue;
+        }
+        let (mean, deviation, delta) = policy_on_tape(tape, model, attached, z);
+        let taken = tape.input(&windows.action[t]);
+        let log_density = tape.gaussian_log_density_weighted(taken, mean, deviation, weights);
+        let mut term = tape.mean(log_density);
+        term = tape.neg(term);
+        if let Some(delta) = delta {
+            let squared = tape.square(delta);
+            let penalty = tape.mean(squared);
+            let penalty = tape.scale(penalty, settings.residual_penalty);
+            term = tape.add(term, penalty);
+        }
+        sum = Some(match sum {
+            None => term,
+            Some(sum) => tape.add(sum, term),
+        });
+    }
+    let sum = sum.expect("windows have at least one counted step");
+    tape.scale(sum, 1.0 / counted as f32)
+}
+
+/// Whether learning left every one of the self-model's parameters as it was, bit for bit.
+pub fn untouched(model: &SelfModel, parameters: &Parameters) -> bool {
+    model.parameters.iter().all(|(id, _, tensor)| {
+        tensor
+            .data()
+            .iter()
+            .zip(parameters.get(id).data())
+            .all(|(a, b)| a.to_bits() == b.to_bits())
+    })
+}

@@ -1,0 +1,194 @@
+//! Episodes on the highway for learning: what the robot lives through, with what the expert would do beside it.
+
+use crate::replay::Step;
+use domains::highway::{Expert, Observation, Scene, World, speech};
+use models::observation::{AZIMUTHS, Encoded, Observations, RANGE_M, SECTORS, sector_of};
+use models::policy::ActionDistribution;
+use models::{Filter, Implants, SelfModel};
+use nn::{Tensor, noise};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+/// Who acts in an episode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Actor {
+    /// The expert.
+    Expert,
+    /// The policy, sampled, with this probability of a random action instead.
+    Policy {
+        /// ε.
+        explore: f32,
+        /// Whether it sees only up to thresholds drawn for the episode, as people in fog do.
+        limited: bool,
+    },
+    /// The policy's mode, for evaluation.
+    Mode,
+}
+
+/// How an episode went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Steps.
+    pub steps: usize,
+    /// Sum of rewards.
+    pub reward: f32,
+    /// Whether the car touched something.
+    pub collided: bool,
+}
+
+/// A world with everything an actor needs, reused over episodes.
+pub struct Rollout {
+    world: World,
+    expert: Expert,
+    observation: Observation,
+    observations: Observations,
+    encoded: Encoded,
+    filter: Filter,
+    distribution: ActionDistribution,
+    previous: Tensor,
+    noise: Vec<f32>,
+}
+
+impl Rollout {
+    /// A rollout in `scene`.
+    ///
+    /// # Errors
+    /// If the scene's road cannot be built.
+    pub fn new(
+        scene: Arc<Scene>,
+        model: &SelfModel,
+    ) -> Result<Self, domains::highway::road::RoadError> {
+        let world = World::new(scene)?;
+        let shape = model.sizes.shape;
+        Ok(Self {
+            expert: Expert::new(&world),
+            world,
+            observation: Observation::default(),
+            observations: Observations::new(&shape, 1),
+            encoded: Encoded::new(shape, 1),
+            filter: Filter::new(model.sizes.latent, 1),
+            distribution: ActionDistribution::new(shape.action, 1),
+            previous: Tensor::new(shape.action, 1),
+            noise: vec![0.0; shape.action],
+        })
+    }
+
+    /// Lives through one episode and hands every step to `keep`.
+    pub fn episode(
+        &mut self,
+        model: &SelfModel,
+        actor: Actor,
+        seed: u64,
+        episode: u32,
+        mut keep: impl FnMut(Step),
+    ) -> Summary {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (u64::from(episode) << 32) ^ 0x726f_6c6c);
+        self.world.reset(seed, episode);
+        self.expert.reset(&self.world);
+        self.filter.reset();
+        self.previous.fill(0.0);
+        let thresholds_m = match actor {
+            Actor::Policy { limited: true, .. } => limits(&mut rng),
+            _ => [f32::INFINITY; AZIMUTHS],
+        };
+        let mut summary = Summary::default();
+        let (mut reward, mut terminal, mut done) = (0.0, false, false);
+        loop {
+            self.world.observe(&mut self.observation);
+            let mut step = step_of(&self.observation);
+            step.expert = self.expert.act(&self.world);
+            step.action = [self.previous.data()[0], self.previous.data()[1]];
+            step.reward = reward;
+            step.first = u8::from(summary.steps == 0);
+            step.terminal = u8::from(terminal);
+            keep(step);
+            if done {
+                return summary;
+            }
+            let action = match actor {
+                Actor::Expert => {
+                    // A little noise, so that its surroundings are learned too.
+                    step.expert
+                        .map(|a| (a + 0.1 * (rng.random::<f32>() - 0.5)).clamp(-1.0, 1.0))
+                }
+                Actor::Policy { explore, .. } if rng.random::<f32>() < explore => {
+                    [rng.random_range(-1.0..1.0), rng.random_range(-0.3..0.3)]
+                }
+                _ => self.act(model, &step, &thresholds_m, actor, &mut rng),
+            };
+            self.previous.data_mut().copy_from_slice(&action);
+            let outcome = self.world.step(action);
+            reward = outcome.reward;
+            summary.reward += reward;
+            summary.steps += 1;
+            summary.collided |= outcome.collided;
+            terminal = outcome.collided;
+            done = outcome.end != domains::highway::End::Running;
+        }
+    }
+
+    /// The policy's action after filtering what is seen within `thresholds_m`.
+    fn act(
+        &mut self,
+        model: &SelfModel,
+        step: &Step,
+        thresholds_m: &[f32; AZIMUTHS],
+        actor: Actor,
+        rng: &mut ChaCha8Rng,
+    ) -> [f32; 2] {
+        self.observations
+            .visual
+            .column_mut(0)
+            .copy_from_slice(&step.visual);
+        let visual = self.observations.visual.column(0);
+        let mut mask = [0.0; AZIMUTHS];
+        Implants::visible(thresholds_m, visual, &mut mask);
+        self.encoded.set(
+            0,
+            visual,
+            self.observations.verbal.column(0),
+            &mask,
+            &[0.0; SECTORS],
+        );
+        self.filter.update(model, &self.previous, &self.encoded);
+        self.distribution
+            .infer(&model.policy, &model.parameters, &self.filter.mean);
+        let sampled = match actor {
+            Actor::Mode => None,
+            _ => {
+                noise::fill(&mut self.noise, rng.random(), 0);
+                Some(self.noise.as_slice())
+            }
+        };
+        let mut action = Tensor::new(2, 1);
+        self.distribution.sample(sampled, &mut action);
+        [action.data()[0], action.data()[1]]
+    }
+}
+
+/// What can be learned from one observation: the modalities, before anything was done.
+pub fn step_of(observation: &Observation) -> Step {
+    let mut visual = [0.0; crate::replay::VISUAL];
+    for (nearness, range) in visual.iter_mut().zip(&observation.range) {
+        *nearness = 1.0 - range;
+    }
+    visual[observation.range.len()..].copy_from_slice(&observation.ego);
+    let heard = speech::utterances(observation);
+    Step {
+        visual,
+        said: heard.map(|h| h.kind as u8),
+        said_range: heard.map(|h| (h.range_m / RANGE_M).clamp(0.0, 1.0)),
+        action: [0.0; 2],
+        expert: [0.0; 2],
+        reward: 0.0,
+        first: 0,
+        terminal: 0,
+    }
+}
+
+/// A person's limits for one episode: a distance per sector, from almost nothing to the LIDAR's range.
+fn limits(rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
+    let sectors: [f32; SECTORS] = core::array::from_fn(|_| rng.random_range(1.0..RANGE_M + 1.0));
+    core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
+}

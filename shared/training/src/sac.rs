@@ -1,0 +1,247 @@
+//! Soft actor-critic on the self-model's latent states (paper §III-A "Policy learning", after SLAC), with a decaying
+//! share of imitation of an expert that sees everything.
+//!
+//! ```text
+//! y      = r_{t+1} + γ (1 − end) (min_i Q'_i(z_{t+1}, a') − α log π(a' | z_{t+1})),   a' ~ π(· | z_{t+1})
+//! L_Q    = ½ Σ_i (Q_i(z_t, a_t) − y)²
+//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) − β log N(u_expert | μ(z_t), σ²(z_t)),   a = tanh(u) ~ π
+//! L_α    = −α (log π(a | z_t) + target)
+//! Q'_i  ← (1 − τ) Q'_i + τ Q_i
+//! ```
+
+use models::SelfModel;
+use models::policy::unsquash;
+use nn::{Mlp, ParamId, Parameters, Tape, Tensor, Var};
+
+/// Settings, after DESIGN §5.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// γ.
+    pub discount: f32,
+    /// τ.
+    pub target_rate: f32,
+    /// α at the start.
+    pub initial_temperature: f32,
+    /// Entropy that α aims at: −|A|.
+    pub entropy_target: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            discount: 0.9,
+            target_rate: 0.005,
+            initial_temperature: 0.2,
+            entropy_target: -2.0,
+        }
+    }
+}
+
+/// One shard's transitions in latent space; all `rows × batch`.
+#[derive(Clone, Debug)]
+pub struct Transitions {
+    /// z_t.
+    pub z: Tensor,
+    /// a_t.
+    pub action: Tensor,
+    /// The expert's a_t.
+    pub expert: Tensor,
+    /// r_{t+1}.
+    pub reward: Tensor,
+    /// 1 where t + 1 has no future.
+    pub terminal: Tensor,
+    /// z_{t+1}.
+    pub next: Tensor,
+    /// Noise of a ~ π(z_t).
+    pub noise: Tensor,
+    /// Noise of a' ~ π(z_{t+1}).
+    pub next_noise: Tensor,
+}
+
+impl Transitions {
+    /// Room for `batch` transitions.
+    pub fn new(latent: usize, actions: usize, batch: usize) -> Self {
+        Self {
+            z: Tensor::new(latent, batch),
+            action: Tensor::new(actions, batch),
+            expert: Tensor::new(actions, batch),
+            reward: Tensor::new(1, batch),
+            terminal: Tensor::new(1, batch),
+            next: Tensor::new(latent, batch),
+            noise: Tensor::new(actions, batch),
+            next_noise: Tensor::new(actions, batch),
+        }
+    }
+}
+
+/// Target critics Q'.
+#[derive(Clone, Debug)]
+pub struct Targets {
+    /// Their parameters.
+    pub parameters: Parameters,
+    networks: [Mlp; 2],
+    pairs: Vec<(ParamId, ParamId)>,
+}
+
+impl Targets {
+    /// Copies of the model's critics.
+    pub fn new(model: &SelfModel) -> Self {
+        let mut parameters = Parameters::default();
+        let mut pairs = Vec::new();
+        let networks = model.critics.clone().map(|mut network| {
+            for layer in &mut network.layers {
+                for id in [&mut layer.weight, &mut layer.bias] {
+                    let name = format!("target.{}", model.parameters.name(*id));
+                    let own = parameters.add(&name, model.parameters.get(*id).clone());
+                    pairs.push((own, *id));
+                    *id = own;
+                }
+            }
+            network
+        });
+        Self {
+            parameters,
+            networks,
+            pairs,
+        }
+    }
+
+    /// Q' ← (1 − τ) Q' + τ Q.
+    pub fn follow(&mut self, online: &Parameters, rate: f32) {
+        for &(own, source) in &self.pairs {
+            let own = self.parameters.get_mut(own).data_mut();
+            for (own, source) in own.iter_mut().zip(online.get(source).data()) {
+                *own += rate * (source - *own);
+            }
+        }
+    }
+}
+
+/// Scratch for the targets of one shard.
+pub struct TargetScratch {
+    distribution: models::policy::ActionDistribution,
+    action: Tensor,
+    mlp: nn::MlpScratch,
+    q: [Tensor; 2],
+    /// y, `1 × batch`.
+    pub y: Tensor,
+}
+
+impl TargetScratch {
+    /// Room for `batch` transitions.
+    pub fn new(actions: usize, batch: usize) -> Self {
+        Self {
+            distribution: models::policy::ActionDistribution::new(actions, batch),
+            action: Tensor::new(actions, batch),
+            mlp: nn::MlpScratch::default(),
+            q: [Tensor::new(1, batch), Tensor::new(1, batch)],
+            y: Tensor::new(1, batch),
+        }
+    }
+
+    /// Computes y.
+    pub fn compute(
+        &mut self,
+        model: &SelfModel,
+        targets: &Targets,
+        transitions: &Transitions,
+        temperature: f32,
+        settings: Settings,
+    ) {
+        let Transitions {
+            next, next_noise, ..
+        } = transitions;
+        self.distribution
+            .infer(&model.policy, &model.parameters, next);
+        self.distribution
+            .sample(Some(next_noise.data()), &mut self.action);
+        for (network, q) in targets.networks.iter().zip(&mut self.q) {
+            network.infer_stacked(&targets.parameters, &[next, &self.action], &mut self.mlp, q);
+        }
+        let actions = self.action.rows();
+        for j in 0..next.cols() {
+            let mut log_density = 0.0;
+            for i in 0..actions {
+                let noise = next_noise.column(j)[i];
+                let deviation = self.distribution.deviation.column(j)[i];
+                let u = self.distribution.mean.column(j)[i] + deviation * noise;
+                log_density += -0.5 * noise * noise - deviation.ln() - HALF_LOG_TAU - log_det(u);
+            }
+            let q = self.q[0].data()[j].min(self.q[1].data()[j]);
+            let future = q - temperature * log_density;
+            self.y.data_mut()[j] = transitions.reward.data()[j]
+                + settings.discount * (1.0 - transitions.terminal.data()[j]) * future;
+        }
+    }
+}
+
+const HALF_LOG_TAU: f32 = 0.918_938_5;
+
+/// log(1 − tanh²u), stable for large |u|.
+fn log_det(u: f32) -> f32 {
+    let x = -2.0 * u;
+    let softplus = x.max(0.0) + (-x.abs()).exp().ln_1p();
+    2.0 * (core::f32::consts::LN_2 - u - softplus)
+}
+
+/// L_Q of a shard. `y`: `1 × batch`.
+pub fn critic_loss(tape: &mut Tape, model: &SelfModel, shard: &Transitions, y: &Tensor) -> Var {
+    let z = tape.input(&shard.z);
+    let action = tape.input(&shard.action);
+    let input = tape.concat(&[z, action]);
+    let y = tape.input(y);
+    let [first, second] = &model.critics;
+    let mut half = |critic: &Mlp| {
+        let q = tape.mlp(critic, input);
+        let error = tape.sub(q, y);
+        let squared = tape.square(error);
+        let mean = tape.mean(squared);
+        tape.scale(mean, 0.5)
+    };
+    let (first, second) = (half(first), half(second));
+    tape.add(first, second)
+}
+
+/// L_π of a shard, and the mean of log π(a | z) for the temperature.
+pub fn actor_loss(
+    tape: &mut Tape,
+    model: &SelfModel,
+    shard: &Transitions,
+    temperature: f32,
+    imitation: f32,
+) -> (Var, Var) {
+    let actions = shard.action.rows();
+    let z = tape.input(&shard.z);
+    let output = tape.mlp(&model.policy.network, z);
+    let (mean, deviation) = SelfModel::gaussian(tape, output, actions);
+    let noise = tape.input(&shard.noise);
+    let u = tape.gaussian_sample(mean, deviation, noise);
+    let density = tape.gaussian_log_density(u, mean, deviation);
+    let squash = tape.tanh_log_det(u);
+    let log_density = tape.sub(density, squash);
+    let action = tape.tanh(u);
+    let input = tape.concat(&[z, action]);
+    let first = tape.mlp(&model.critics[0], input);
+    let second = tape.mlp(&model.critics[1], input);
+    let q = tape.min(first, second);
+    let entropy = tape.scale(log_density, temperature);
+    let soft = tape.sub(entropy, q);
+    let soft = tape.mean(soft);
+    let soft = tape.scale(soft, 1.0 - imitation);
+
+    let expert = tape.input_with(actions, shard.expert.cols(), |out| {
+        for (u, a) in out.iter_mut().zip(shard.expert.data()) {
+            *u = unsquash(*a);
+        }
+    });
+    let likelihood = tape.gaussian_log_density(expert, mean, deviation);
+    let likelihood = tape.mean(likelihood);
+    let imitated = tape.scale(likelihood, -imitation);
+    let mean_log_density = tape.mean(log_density);
+    (tape.add(soft, imitated), mean_log_density)
+}
+
+/// Gradient of L_α with respect to log α, given the batch's mean log π: −α (log π + target).
+pub fn temperature_gradient(temperature: f32, mean_log_density: f32, settings: Settings) -> f32 {
+    -temperature * (mean_log_density + settings.entropy_target)
+}

@@ -1,0 +1,463 @@
+//! `mirror train self --domain highway`: the self-model from nothing, by ELBO and soft actor-critic (paper §III-A; sizes and
+//! schedules from the appendix, "CARLA", and DESIGN §5 and §11).
+//!
+//! An episode is lived (by the expert with probability β, else by the policy), then a number of gradient steps are
+//! made. Randomness is drawn anew from (seed, episode), and a checkpoint holds weights, optimiser, targets and replay:
+//! stopping and resuming gives the same bytes as not stopping.
+
+use crate::batches::{Batch, Dropout};
+use crate::replay::Replay;
+use crate::rollout::{Actor, Rollout, Summary};
+use crate::sac::{self, TargetScratch, Targets, Transitions};
+use domains::highway::Scene;
+use models::SelfModel;
+use models::self_model::Sizes;
+use models::utterances::UtteranceTable;
+use nn::{Adam, Arena, Gradients, ParamId, Tape, noise};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Settings of a training run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Seed of everything.
+    pub seed: u64,
+    /// Episodes lived.
+    pub episodes: u32,
+    /// Gradient steps after each.
+    pub gradient_steps: usize,
+    /// Sequences per gradient step.
+    pub sequences: usize,
+    /// Steps per sequence. DESIGN says 200 sequences of 3; with as many steps in longer sequences the belief learns to
+    /// remember what it no longer sees.
+    pub length: usize,
+    /// Rate of Adam.
+    pub learning_rate: f32,
+    /// Longest gradient, per part (world model, critics, actor).
+    pub gradient_clip: f32,
+    /// Steps that the replay buffer holds.
+    pub replay: usize,
+    /// Share of imitation at the start.
+    pub imitation: f32,
+    /// Its factor per episode.
+    pub imitation_decay: f32,
+    /// Random actions at the start.
+    pub explore: f32,
+    /// Their factor per episode.
+    pub explore_decay: f32,
+    /// Probability that dropout keeps a value.
+    pub keep: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            episodes: 500,
+            gradient_steps: 100,
+            sequences: 75,
+            length: 8,
+            learning_rate: 3e-4,
+            gradient_clip: 100.0,
+            replay: 100_000,
+            imitation: 1.0,
+            imitation_decay: 0.995,
+            explore: 0.5,
+            explore_decay: 0.9,
+            keep: 0.35,
+        }
+    }
+}
+
+/// What one episode and its gradient steps gave: a line of the metrics file.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Metrics {
+    /// Episode, from 0.
+    pub episode: u32,
+    /// Steps of the episode.
+    pub steps: usize,
+    /// Sum of its rewards.
+    pub episode_reward: f32,
+    /// Whether it ended in a collision.
+    pub collided: bool,
+    /// Whether the expert drove.
+    pub expert: bool,
+    /// Whether the policy drove with limited sight.
+    pub limited: bool,
+    /// −ELBO.
+    pub loss: f32,
+    /// Reconstruction term.
+    pub reconstruction: f32,
+    /// Reward term.
+    pub reward: f32,
+    /// KL term.
+    pub divergence: f32,
+    /// L_Q.
+    pub critic: f32,
+    /// L_π.
+    pub actor: f32,
+    /// α.
+    pub temperature: f32,
+    /// β.
+    pub imitation: f32,
+}
+
+/// A training run that can be stopped after any episode.
+pub struct Trainer {
+    /// The model being trained.
+    pub model: SelfModel,
+    /// Settings.
+    pub settings: Settings,
+    /// Episodes done.
+    pub episode: u32,
+    pub(crate) targets: Targets,
+    pub(crate) adam: Adam,
+    pub(crate) log_temperature: f32,
+    /// Adam's moments of log α: first, second, steps.
+    pub(crate) temperature_moments: [f32; 3],
+    pub(crate) replay: Replay,
+    sac: sac::Settings,
+    table: UtteranceTable,
+    rollout: Rollout,
+    batch: Batch,
+    workers: Vec<Worker>,
+    parts: Parts,
+}
+
+/// The parameters of each part, clipped apart.
+struct Parts {
+    world: Vec<ParamId>,
+    critics: Vec<ParamId>,
+    actor: Vec<ParamId>,
+}
+
+/// One shard's memory.
+struct Worker {
+    arena: Arena,
+    gradients: Gradients,
+    transitions: Transitions,
+    targets: TargetScratch,
+}
+
+/// A shard's losses.
+#[derive(Clone, Copy, Default)]
+struct Losses {
+    loss: f32,
+    reconstruction: f32,
+    reward: f32,
+    divergence: f32,
+    critic: f32,
+    actor: f32,
+    log_density: f32,
+}
+
+impl Trainer {
+    /// A run from nothing.
+    ///
+    /// # Errors
+    /// If the scene's road cannot be built.
+    pub fn new(
+        scene: Arc<Scene>,
+        table: UtteranceTable,
+        settings: Settings,
+    ) -> Result<Self, domains::highway::road::RoadError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+        let model = SelfModel::new(Sizes::HIGHWAY, &mut rng);
+        let ids = |prefixes: &[&str]| -> Vec<ParamId> {
+            model
+                .parameters
+                .iter()
+                .filter(|(_, name, _)| prefixes.iter().any(|p| name.starts_with(p)))
+                .map(|(id, _, _)| id)
+                .collect()
+        };
+        let parts = Parts {
+            world: ids(&[
+                "transition",
+                "first",
+                "encoder",
+                "visual",
+                "verbal",
+                "reward",
+            ]),
+            critics: ids(&["critic"]),
+            actor: ids(&["policy"]),
+        };
+        let all: Vec<ParamId> = model.parameters.iter().map(|(id, _, _)| id).collect();
+        let batch = Batch::new(&model.sizes, settings.sequences, settings.length);
+        let workers = batch
+            .shards
+            .iter()
+            .map(|shard| {
+                let transitions = shard.expert[0].cols() * (settings.length - 1);
+                Worker {
+                    arena: Arena::new(),
+                    gradients: Gradients::for_params(&model.parameters),
+                    transitions: Transitions::new(
+                        model.sizes.latent,
+                        model.sizes.shape.action,
+                        transitions,
+                    ),
+                    targets: TargetScratch::new(model.sizes.shape.action, transitions),
+                }
+            })
+            .collect();
+        let sac = sac::Settings::default();
+        Ok(Self {
+            rollout: Rollout::new(scene, &model)?,
+            targets: Targets::new(&model),
+            adam: Adam::new(&model.parameters, all, settings.learning_rate),
+            log_temperature: sac.initial_temperature.ln(),
+            temperature_moments: [0.0; 3],
+            replay: Replay::new(settings.replay),
+            episode: 0,
+            model,
+            settings,
+            sac,
+            table,
+            batch,
+            workers,
+            parts,
+        })
+    }
+
+    /// β now.
+    pub fn imitation(&self) -> f32 {
+        self.settings.imitation * self.settings.imitation_decay.powi(self.episode as i32)
+    }
+
+    /// Lives one episode and learns from the buffer.
+    pub fn episode(&mut self) -> Metrics {
+        let Settings { seed, .. } = self.settings;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(u64::from(self.episode) + 1);
+        let imitation = self.imitation();
+        let expert = rng.random::<f32>() < imitation;
+        let limited = !expert && rng.random::<bool>();
+        let actor = if expert {
+            Actor::Expert
+        } else {
+            Actor::Policy {
+                explore: self.settings.explore
+                    * self.settings.explore_decay.powi(self.episode as i32),
+                limited,
+            }
+        };
+        let replay = &mut self.replay;
+        let lived = self
+            .rollout
+            .episode(&self.model, actor, seed, self.episode, |step| {
+                replay.push(step);
+            });
+        let mut sums = Losses::default();
+        let mut done = 0;
+        for _ in 0..self.settings.gradient_steps {
+            let dropout = Dropout {
+                keep: self.settings.keep,
+            };
+            if !self
+                .batch
+                .draw(&self.replay, &self.table, dropout, &mut rng)
+            {
+                break;
+            }
+            let losses = self.gradient_step(imitation, &mut rng);
+            sums.accumulate(losses);
+            done += 1;
+        }
+        let mean = |sum: f32| sum / done.max(1) as f32;
+        let metrics = Metrics {
+            episode: self.episode,
+            steps: lived.steps,
+            episode_reward: lived.reward,
+            collided: lived.collided,
+            expert,
+            limited,
+            loss: mean(sums.loss),
+            reconstruction: mean(sums.reconstruction),
+            reward: mean(sums.reward),
+            divergence: mean(sums.divergence),
+            critic: mean(sums.critic),
+            actor: mean(sums.actor),
+            temperature: self.log_temperature.exp(),
+            imitation,
+        };
+        self.episode += 1;
+        metrics
+    }
+
+    /// One step of Adam on ELBO, critics, actor and temperature.
+    fn gradient_step(&mut self, imitation: f32, rng: &mut ChaCha8Rng) -> Losses {
+        let temperature = self.log_temperature.exp();
+        for worker in &mut self.workers {
+            noise::fill(worker.transitions.noise.data_mut(), rng.random(), 0);
+            noise::fill(worker.transitions.next_noise.data_mut(), rng.random(), 0);
+        }
+        let (model, targets, parts, settings) = (&self.model, &self.targets, &self.parts, self.sac);
+        let mut losses = Losses::default();
+        std::thread::scope(|scope| {
+            let jobs: Vec<_> = self
+                .workers
+                .iter_mut()
+                .zip(&self.batch.shards)
+                .map(|(worker, shard)| {
+                    scope.spawn(move || {
+                        worker.step(
+                            model,
+                            targets,
+                            parts,
+                            shard,
+                            settings,
+                            temperature,
+                            imitation,
+                        )
+                    })
+                })
+                .collect();
+            let n = jobs.len() as f32;
+            for job in jobs {
+                match job.join() {
+                    Ok(shard) => losses.accumulate(shard.scaled(1.0 / n)),
+                    Err(panic) => std::panic::resume_unwind(panic),
+                }
+            }
+        });
+        let (first, rest) = self.workers.split_at_mut(1);
+        let gradients = &mut first[0].gradients;
+        for other in rest.iter() {
+            gradients.add(&other.gradients);
+        }
+        for part in [&self.parts.world, &self.parts.critics, &self.parts.actor] {
+            gradients.scale(part, 1.0 / (rest.len() + 1) as f32);
+            gradients.clip(part, self.settings.gradient_clip);
+        }
+        self.adam.step(&mut self.model.parameters, gradients);
+        self.targets
+            .follow(&self.model.parameters, self.sac.target_rate);
+        self.temperature_step(temperature, losses.log_density);
+        losses
+    }
+
+    /// Adam on log α, a single number.
+    fn temperature_step(&mut self, temperature: f32, mean_log_density: f32) {
+        let gradient = sac::temperature_gradient(temperature, mean_log_density, self.sac);
+        let [first, second, steps] = &mut self.temperature_moments;
+        *steps += 1.0;
+        *first = 0.9 * *first + 0.1 * gradient;
+        *second = 0.999 * *second + 0.001 * gradient * gradient;
+        let mean = *first / (1.0 - 0.9_f32.powf(*steps));
+        let square = *second / (1.0 - 0.999_f32.powf(*steps));
+        self.log_temperature -= self.settings.learning_rate * mean / (square.sqrt() + 1e-8);
+    }
+
+    /// The policy's mode over `episodes` episodes that training never saw: mean reward and collision rate.
+    pub fn evaluate(&mut self, episodes: u32) -> (f32, f32) {
+        let mut total = Summary::default();
+        let mut collisions = 0;
+        for episode in 0..episodes {
+            let lived = self.rollout.episode(
+                &self.model,
+                Actor::Mode,
+                self.settings.seed ^ 0xe7a1,
+                episode,
+                |_| {},
+            );
+            total.reward += lived.reward;
+            collisions += u32::from(lived.collided);
+        }
+        let n = episodes.max(1) as f32;
+        (total.reward / n, collisions as f32 / n)
+    }
+}
+
+impl Losses {
+    fn accumulate(&mut self, other: Self) {
+        self.loss += other.loss;
+        self.reconstruction += other.reconstruction;
+        self.reward += other.reward;
+        self.divergence += other.divergence;
+        self.critic += other.critic;
+        self.actor += other.actor;
+        self.log_density += other.log_density;
+    }
+
+    fn scaled(self, by: f32) -> Self {
+        Self {
+            loss: self.loss * by,
+            reconstruction: self.reconstruction * by,
+            reward: self.reward * by,
+            divergence: self.divergence * by,
+            critic: self.critic * by,
+            actor: self.actor * by,
+            log_density: self.log_density * by,
+        }
+    }
+}
+
+impl Worker {
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one call from one place, all of different types"
+    )]
+    fn step(
+        &mut self,
+        model: &SelfModel,
+        targets: &Targets,
+        parts: &Parts,
+        shard: &crate::batches::Shard,
+        settings: sac::Settings,
+        temperature: f32,
+        imitation: f32,
+    ) -> Losses {
+        self.gradients.zero();
+        let mut losses = Losses::default();
+        {
+            let mut tape = Tape::new(&model.parameters, &mut self.arena);
+            let elbo = model.negative_elbo(&mut tape, &shard.sequence);
+            losses.loss = tape.scalar(elbo.loss);
+            losses.reconstruction = tape.scalar(elbo.reconstruction);
+            losses.reward = tape.scalar(elbo.reward);
+            losses.divergence = tape.scalar(elbo.divergence);
+            collect(&mut self.transitions, &tape, &elbo.z, shard);
+            tape.backward(elbo.loss, &mut self.gradients, &|id| {
+                parts.world.contains(&id)
+            });
+        }
+        self.targets
+            .compute(model, targets, &self.transitions, temperature, settings);
+        {
+            let mut tape = Tape::new(&model.parameters, &mut self.arena);
+            let loss = sac::critic_loss(&mut tape, model, &self.transitions, &self.targets.y);
+            losses.critic = tape.scalar(loss);
+            tape.backward(loss, &mut self.gradients, &|id| parts.critics.contains(&id));
+        }
+        let mut tape = Tape::new(&model.parameters, &mut self.arena);
+        let (loss, log_density) =
+            sac::actor_loss(&mut tape, model, &self.transitions, temperature, imitation);
+        losses.actor = tape.scalar(loss);
+        losses.log_density = tape.scalar(log_density);
+        tape.backward(loss, &mut self.gradients, &|id| parts.actor.contains(&id));
+        losses
+    }
+}
+
+/// Gathers (z_t, a_t, r_{t+1}, z_{t+1}) of all steps of a shard, side by side.
+fn collect(out: &mut Transitions, tape: &Tape, z: &[nn::Var], shard: &crate::batches::Shard) {
+    let steps = &shard.sequence.steps;
+    let batch = steps[0].reward.cols();
+    for t in 0..steps.len() - 1 {
+        let copy = |to: &mut nn::Tensor, from: &[f32]| {
+            let rows = to.rows();
+            to.data_mut()[t * batch * rows..(t + 1) * batch * rows].copy_from_slice(from);
+        };
+        copy(&mut out.z, tape.value(z[t]));
+        copy(&mut out.next, tape.value(z[t + 1]));
+        copy(&mut out.action, steps[t + 1].action.data());
+        copy(&mut out.reward, steps[t + 1].reward.data());
+        copy(&mut out.expert, shard.expert[t].data());
+        copy(&mut out.terminal, shard.terminal[t + 1].data());
+    }
+}

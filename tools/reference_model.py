@@ -1,0 +1,185 @@
+"""The paper's self-model and implants in PyTorch: what the benchmark times and the fixtures take their gradients from.
+
+Written from the paper's equations, apart from the Rust code. Tensors are batch × features; weights are out × in.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+from torch.nn.functional import elu, softplus
+
+LEAST_DEVIATION = 1e-4  # DESIGN §5
+RANGE_M = 40.0
+AZIMUTHS, BANDS, EGO = 36, 3, 5
+MAX_THRESHOLD_M = 41.0  # implants.rs: "sees that nothing is there" can be represented
+RESIDUAL_SCALE = 0.1  # DESIGN §11
+THRESHOLD_WIDTH_M = 4.0  # implants.rs: the slope that stands in for the step's
+
+
+@dataclass(frozen=True)
+class Sizes:
+    visual: int
+    visual_mask: int
+    verbal: int
+    verbal_mask: int
+    action: int
+    latent: int
+    transition_hidden: int
+    encoder_hidden: int
+    decoder_hidden: int
+    visual_deviation: float = 0.1
+    verbal_deviation: float = 0.5
+    reward_deviation: float = 0.5
+
+    @property
+    def encoded(self):
+        return self.visual + self.visual_mask + self.verbal + self.verbal_mask
+
+
+# Paper, appendix, "CARLA" and "Gridworld Driving". The gridworld's observations: ego lane and four positions; position
+# and speed symbols for four directions; a mask for each car and modality.
+HIGHWAY = Sizes(113, 36, 120, 6, 2, 128, 128, 128, 128)
+GRIDWORLD = Sizes(5, 4, 8, 4, 2, 48, 32, 64, 32)
+
+
+class Mlp(nn.Module):
+    """Dense layers with ELU between them and nothing after the last: "3 FC layers" are three of these."""
+
+    def __init__(self, *sizes):
+        super().__init__()
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in zip(sizes, sizes[1:]))
+
+    def forward(self, x):
+        for layer in self.layers[:-1]:
+            x = elu(layer(x))
+        return self.layers[-1](x)
+
+
+def gaussian(output):
+    mean, raw = output.chunk(2, dim=-1)
+    return mean, softplus(raw).clamp(min=LEAST_DEVIATION)
+
+
+def sample(mean, deviation):
+    return torch.addcmul(mean, deviation, torch.randn_like(mean))
+
+
+class SelfModel(nn.Module):
+    def __init__(self, s: Sizes, critic_hidden: int | None = None):
+        super().__init__()
+        self.sizes = s
+        t, e, d = s.transition_hidden, s.encoder_hidden, s.decoder_hidden
+        self.transition = Mlp(s.latent + s.action, t, t, 2 * s.latent)
+        self.first = Mlp(s.encoded, e, e, 2 * s.latent)
+        self.encoder = Mlp(s.latent + s.action + s.encoded, e, e, 2 * s.latent)
+        self.visual = Mlp(s.latent, d, d, s.visual)
+        self.verbal = Mlp(s.latent, d, d, s.verbal)
+        self.reward = Mlp(s.latent, d, d, 1)
+        self.policy = Mlp(s.latent, d, d, 2 * s.action)
+        if critic_hidden:
+            c = critic_hidden
+            self.critic_1 = Mlp(s.latent + s.action, c, c, 1)
+            self.critic_2 = Mlp(s.latent + s.action, c, c, 1)
+
+    def filter(self, z, action, observed):
+        """q_φ(z_t | z_{t−1}, a_{t−1}, x_t), paper equation 4; `z` is None at the first step."""
+        return gaussian(self.first(observed) if z is None else self.encoder(torch.cat([z, action, observed], dim=-1)))
+
+    def negative_elbo(self, steps):
+        """−L_e of paper equation 3 per step, averaged over the batch; constants of fixed deviations left out.
+
+        `steps`: dicts with observed, visual, verbal, action, reward, noise. Returns loss and its three terms.
+        """
+        s, z = self.sizes, None
+        reconstruction = reward = divergence = 0.0
+        for x in steps:
+            mean, deviation = self.filter(z, x["action"], x["observed"])
+            if z is None:
+                prior_mean, prior_deviation = torch.zeros_like(mean), torch.ones_like(deviation)
+            else:
+                prior_mean, prior_deviation = gaussian(self.transition(torch.cat([z, x["action"]], dim=-1)))
+            z = mean + deviation * x["noise"]
+            kl = (prior_deviation / deviation).log() - 0.5
+            kl = kl + (deviation**2 + (mean - prior_mean) ** 2) / (2 * prior_deviation**2)
+            divergence = divergence + kl.sum(-1).mean()
+            for decoder, target, sigma in (
+                (self.visual, x["visual"], s.visual_deviation),
+                (self.verbal, x["verbal"], s.verbal_deviation),
+            ):
+                error = (decoder(z) - target) ** 2 / (2 * sigma**2)
+                reconstruction = reconstruction + error.sum(-1).mean()
+            error = (self.reward(z) - x["reward"]) ** 2 / (2 * s.reward_deviation**2)
+            reward = reward + error.sum(-1).mean()
+        terms = [term / len(steps) for term in (reconstruction, reward, divergence)]
+        return sum(terms), *terms
+
+
+def random_steps(sizes: Sizes, batch: int, count: int, generator=None):
+    """Sequences of plausible values, for timing."""
+    def uniform(n):
+        return torch.rand(batch, n, generator=generator)
+
+    out = []
+    for _ in range(count):
+        visual, verbal = uniform(sizes.visual), uniform(sizes.verbal)
+        masks = [(uniform(n) < 0.35).float() for n in (sizes.visual_mask, sizes.verbal_mask)]
+        noise = torch.randn(batch, sizes.latent, generator=generator)
+        out.append(
+            dict(
+                observed=torch.cat([visual, masks[0], verbal, masks[1]], dim=-1),
+                visual=visual,
+                verbal=verbal,
+                action=2 * uniform(sizes.action) - 1,
+                reward=uniform(1),
+                noise=noise,
+            )
+        )
+    return out
+
+
+def nearest_range_m(visual):
+    """Range of each azimuth's nearest return in metres, batch × 36, from nearness over the three bands."""
+    nearness = visual[:, : AZIMUTHS * BANDS].unflatten(1, (BANDS, AZIMUTHS)).amax(1)
+    return RANGE_M * (1 - nearness.clamp(0, 1))
+
+
+class StraightThrough(torch.autograd.Function):
+    """1 where range ≤ limit, else 0; the gradient is that of the logistic function of (limit − range)/width."""
+
+    @staticmethod
+    def forward(context, range_m, limit_m, width_m):
+        context.save_for_backward(range_m, limit_m)
+        context.width_m = width_m
+        return (range_m <= limit_m).to(range_m.dtype)
+
+    @staticmethod
+    def backward(context, gradient):
+        range_m, limit_m = context.saved_tensors
+        soft = torch.sigmoid((limit_m - range_m) / context.width_m)
+        slope = gradient * soft * (1 - soft) / context.width_m
+        return -slope, slope.sum_to_size(limit_m.shape), None
+
+
+class Implants(nn.Module):
+    """36 distance thresholds τ = 41 m · σ(raw), and a residual δ(z) on the mean of the policy's Gaussian."""
+
+    def __init__(self, sizes: Sizes, hidden: int = 16):
+        super().__init__()
+        self.thresholds = nn.Parameter(torch.zeros(AZIMUTHS))
+        self.residual = Mlp(sizes.latent, hidden, sizes.action)
+
+    def perceive(self, visual, width_m=THRESHOLD_WIDTH_M):
+        """The encoder's view through the thresholds, with nothing spoken: batch × encoded."""
+        limit = MAX_THRESHOLD_M * torch.sigmoid(self.thresholds)
+        mask = StraightThrough.apply(nearest_range_m(visual), limit, width_m)
+        beams = AZIMUTHS * BANDS
+        seen = visual[:, :beams] * mask.repeat(1, BANDS)
+        return torch.cat([seen, visual[:, beams:], mask, visual.new_zeros(len(visual), HIGHWAY.verbal + HIGHWAY.verbal_mask)], dim=-1)
+
+    def delta(self, z):
+        return RESIDUAL_SCALE * self.residual(z)
+
+
+LOG_2PI = math.log(2 * math.pi)
