@@ -185,6 +185,9 @@ def main():
     latent = standardise(mean, shift, scale)
     distance = np.sqrt(((latent[:n, None] - latent[None, :n]) ** 2).sum(-1)) + np.diag([np.inf] * n)
     closest = np.unravel_index(np.argmin(distance), distance.shape)
+    # What a person has to tell apart is what can be said of one sector: each sector has its own place in the modality.
+    kinds = len(spec["kinds"])
+    within = min(distance[i, j] for i in range(n) for j in range(n) if i != j and i // kinds == j // kinds)
     own_noise = float(np.sqrt(((deviation[:n] / scale) ** 2).sum(1)).mean())
     report = dict(
         sentences=len(rows),
@@ -208,6 +211,7 @@ def main():
             posterior_radius=round(own_noise, 3),
             sentences=[spec["canonical"][i] for i in closest],
         ),
+        least_distance_within_a_sector=round(float(within), 3),
         median_nearest_distance=round(float(np.median(distance.min(1))), 3),
     )
     print(json.dumps(report, indent=2))

@@ -1,1 +1,34 @@
-fn main() {}
+//! The `mirror` command: starts and watches the process set, and holds every process behind `mirror process <name>`.
+
+mod cli;
+mod doctor;
+mod failure;
+mod inputs;
+mod learn;
+mod process;
+mod screen;
+mod up;
+
+use clap::Parser;
+use cli::{Cli, Command, Train};
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Up(arguments) => up::up(&arguments),
+        Command::Doctor(arguments) => doctor::doctor(&arguments),
+        Command::Demos(arguments) => learn::demos(&arguments),
+        Command::Train(Train::Human(arguments)) => learn::train_human(&arguments),
+        Command::Process(arguments) => process::process(&arguments),
+    };
+    match result {
+        Ok(status) => status,
+        Err(failure) => {
+            screen::error(&failure);
+            ExitCode::from(failure.status)
+        }
+    }
+}

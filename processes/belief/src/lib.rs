@@ -23,19 +23,31 @@ pub struct Options {
 /// Joins the run and follows the world until it ends.
 ///
 /// # Errors
-/// If the model's file cannot be used, or the run cannot be joined or is lost.
+/// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let model = models::checkpoint::load_self_model(&options.model)?;
-    follow(arguments, model)
+    join(arguments, |node| follow(node, models::checkpoint::load_self_model(&options.model)?))
 }
 
 /// As [`run`], with a model that is in memory already.
 ///
 /// # Errors
-/// If the run cannot be joined or is lost.
-pub fn follow(arguments: &RunArguments, model: SelfModel) -> Result<()> {
+/// As [`run`].
+pub fn run_with(arguments: &RunArguments, model: SelfModel) -> Result<()> {
+    join(arguments, |node| follow(node, model))
+}
+
+fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let lockstep = arguments.clock == ClockMode::Lockstep;
+    let result = work(&mut node);
+    match &result {
+        Ok(()) => node.finish()?,
+        Err(error) => node.fail(&format!("{error:#}"))?,
+    }
+    result
+}
+
+fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
+    let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
@@ -43,7 +55,7 @@ pub fn follow(arguments: &RunArguments, model: SelfModel) -> Result<()> {
     let mut tracker = Tracker::new(model);
 
     if node.ready()? == Wake::Stop {
-        return Ok(node.finish()?);
+        return Ok(());
     }
     while node.wait(&mut [&mut lidar], None)? != Wake::Stop {
         lidar.take()?;
@@ -60,5 +72,5 @@ pub fn follow(arguments: &RunArguments, model: SelfModel) -> Result<()> {
         beliefs.send_with(Stamp::of(&frame.header), |out| tracker.observe(frame, previous, out))?;
         node.end_step();
     }
-    Ok(node.finish()?)
+    Ok(())
 }

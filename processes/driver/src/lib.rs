@@ -5,7 +5,7 @@
 
 mod person;
 
-pub use person::{Options, Seat};
+pub use person::{Driving, Options};
 
 use anyhow::Result;
 use messages::{Display, DriverAction, LidarFrame, topic};
@@ -16,9 +16,9 @@ use runtime::{ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake
 ///
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let result = drive(&mut node);
+    let result = drive(&mut node, options);
     match &result {
         Ok(()) => node.finish()?,
         Err(error) => node.fail(&format!("{error:#}"))?,
@@ -32,9 +32,8 @@ struct Ports {
     action: Output<DriverAction>,
 }
 
-fn drive(node: &mut Node) -> Result<()> {
-    let options: Options = node.arguments().options()?;
-    let mut driver = Driver::new(&options)?;
+fn drive(node: &mut Node, options: &Options) -> Result<()> {
+    let mut driver = Driver::new(options)?;
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let mut ports = Ports {
         lidar: node.input(topic::LIDAR, if lockstep { Receive::InOrder } else { Receive::Newest })?,

@@ -1,11 +1,13 @@
 //! Who drives: a simulated person, or a recorded one.
 
 use anyhow::{Context, Result};
+use domains::commonroad::Scenario;
 use domains::highway::speech::Heard;
 use domains::highway::{self, Cockpit, Person, Scene, Shown, SimulatedDriver, UtteranceKind, World};
 use messages::{Display, LidarFrame, SECTORS};
 use serde::{Deserialize, Serialize};
-use world::Recording;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Options of the driver process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,25 +15,25 @@ use world::Recording;
 pub struct Options {
     /// The scene: what the cockpit and the weather are like.
     pub scene: Scene,
-    /// Recorded traffic, if the run has it.
+    /// The CommonRoad file whose road and traffic take the place of the scene's own.
     #[serde(default)]
-    pub recording: Option<Recording>,
+    pub recording: Option<PathBuf>,
     /// Who drives.
-    pub seat: Seat,
+    pub person: Driving,
     /// Seed of the person's noise.
     pub seed: u64,
 }
 
 /// Who drives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 // One of them exists, once.
 #[allow(clippy::large_enum_variant)]
-pub enum Seat {
+pub enum Driving {
     /// A simulated person.
     Simulated(Person),
-    /// The recorded person whose seat the recording names.
-    Recorded,
+    /// The person in this car of the recording.
+    Recorded(i32),
 }
 
 impl Options {
@@ -63,14 +65,22 @@ impl Driver {
     /// # Errors
     /// When the recording's file is not what it was when the run was planned.
     pub fn new(options: &Options) -> Result<Self> {
-        let world = world::build(&options.scene, options.recording.as_ref())?;
-        let who = match &options.seat {
-            Seat::Simulated(person) => {
+        let mut scene = options.scene.clone();
+        scene.seat = match options.person {
+            Driving::Simulated(_) => None,
+            Driving::Recorded(car) => Some(car),
+        };
+        if let Some(file) = &options.recording {
+            scene.course = Some(Arc::new(Scenario::read(file)?.course(scene.seat)?));
+        }
+        let world = World::new(Arc::new(scene)).context("the scene's road")?;
+        let who = match &options.person {
+            Driving::Simulated(person) => {
                 let cockpit = Cockpit::new(&options.scene, world.road(), world.ego().at.s_m);
                 Who::Simulated(SimulatedDriver::new(person, &options.scene.fog(), cockpit))
             }
-            Seat::Recorded => {
-                world.recorded_action().context("no recorded car's seat is given to drive as")?;
+            Driving::Recorded(car) => {
+                world.recorded_action().with_context(|| format!("no recorded car {car} to drive as"))?;
                 Who::Recorded(world)
             }
         };

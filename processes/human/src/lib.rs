@@ -53,18 +53,31 @@ impl Options {
 /// Joins the run and models the person until it ends.
 ///
 /// # Errors
-/// If a file cannot be used, or the run cannot be joined or is lost.
+/// If a file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    attend(arguments, options.load()?)
+    join(arguments, |node| attend(node, options.load()?))
 }
 
 /// As [`run`], with any human model that is in memory already.
 ///
 /// # Errors
-/// If the run cannot be joined or is lost.
-pub fn attend(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()> {
+/// As [`run`].
+pub fn run_with(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()> {
+    join(arguments, |node| attend(node, model))
+}
+
+fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let lockstep = arguments.clock == ClockMode::Lockstep;
+    let result = work(&mut node);
+    match &result {
+        Ok(()) => node.finish()?,
+        Err(error) => node.fail(&format!("{error:#}"))?,
+    }
+    result
+}
+
+fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
+    let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
@@ -74,7 +87,7 @@ pub fn attend(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()
     let mut person = Person::new(model, UtteranceTable::shipped()?);
 
     if node.ready()? == Wake::Stop {
-        return Ok(node.finish()?);
+        return Ok(());
     }
     // A step begins with its display, the last of its inputs: until then questions start from the step before.
     while node.wait(&mut [&mut displays, questions.source()], None)? != Wake::Stop {
@@ -96,5 +109,5 @@ pub fn attend(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()
         beliefs.send_with(Stamp::of(&frame.header), |out| person.observe(frame, display, taken, out))?;
         node.end_step();
     }
-    Ok(node.finish()?)
+    Ok(())
 }

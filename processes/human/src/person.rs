@@ -166,11 +166,13 @@ impl Person {
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
                 self.imagined.resize(rows);
                 self.imagined.visual.data_mut().copy_from_slice(question.lidar[..rows].as_flattened());
-                self.imagined.verbal.data_mut().copy_from_slice(question.verbal[..rows].as_flattened());
                 for (bits, asked) in self.communicated.iter_mut().zip(&question.communicated[..rows]) {
                     *bits = Communicated(*asked);
                 }
                 let communicated = &self.communicated[..rows];
+                if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
+                    self.imagined.verbal.data_mut().copy_from_slice(question.verbal[..rows].as_flattened());
+                }
                 self.groups.step(&mut *self.model, group, &self.imagined, communicated, question.seed)
             }
             phase::FORGET => {

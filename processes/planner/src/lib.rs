@@ -59,34 +59,60 @@ mod reason {
     pub const LATE: u32 = 3;
 }
 
+impl Options {
+    fn check(&self) -> Result<()> {
+        if let Some(problem) = self.settings.problem() {
+            bail!("planner settings: {problem}");
+        }
+        if !(self.step_s > 0.0 && self.step_s.is_finite()) {
+            bail!("planner options: step_s must be positive, not {}", self.step_s);
+        }
+        Ok(())
+    }
+}
+
 /// Joins the run and decides until it ends.
 ///
 /// # Errors
 /// If the model's file or the settings cannot be used, or the run cannot be joined or is lost.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    if let Some(problem) = options.settings.problem() {
-        bail!("planner settings: {problem}");
-    }
-    if !(options.step_s > 0.0 && options.step_s.is_finite()) {
-        bail!("planner options: step_s must be positive, not {}", options.step_s);
-    }
-    match options.method {
-        Method::None => say_nothing(arguments),
+    options.check()?;
+    join(arguments, |node| match options.method {
+        Method::None => say_nothing(node),
         Method::Ce => {
             let path = options.model.as_ref().context("planner options: method `ce` needs a model")?;
-            decide(arguments, options, &models::checkpoint::load_self_model(path)?)
+            decide(node, options, &models::checkpoint::load_self_model(path)?)
         }
+    })
+}
+
+/// As [`run`], with a model that is in memory already.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
+    options.check()?;
+    join(arguments, |node| decide(node, options, model))
+}
+
+fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
+    let mut node = Node::join(arguments)?;
+    let result = work(&mut node);
+    match &result {
+        Ok(()) => node.finish()?,
+        Err(error) => node.fail(&format!("{error:#}"))?,
     }
+    result
 }
 
 /// Sends empty decisions.
-fn say_nothing(arguments: &RunArguments) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let receive = if arguments.clock == ClockMode::Lockstep { Receive::InOrder } else { Receive::Newest };
+fn say_nothing(node: &mut Node) -> Result<()> {
+    let lockstep = node.arguments().clock == ClockMode::Lockstep;
+    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
     let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
     if node.ready()? == Wake::Stop {
-        return Ok(node.finish()?);
+        return Ok(());
     }
     while node.wait(&mut [&mut robot], None)? != Wake::Stop {
         robot.take()?;
@@ -94,16 +120,12 @@ fn say_nothing(arguments: &RunArguments) -> Result<()> {
         decisions.send_with(Stamp::of(header).next(), |out| out.reason = reason::NO_PLANNER)?;
         node.end_step();
     }
-    Ok(node.finish()?)
+    Ok(())
 }
 
-/// Plans with `model`; settings must have no problem.
-///
-/// # Errors
-/// If the run cannot be joined or is lost.
-pub fn decide(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let lockstep = arguments.clock == ClockMode::Lockstep;
+/// Sends planned decisions.
+fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
+    let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
     let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
     let mut human = node.input::<HumanBelief>(topic::HUMAN_BELIEF, receive)?;
@@ -116,12 +138,15 @@ pub fn decide(arguments: &RunArguments, options: &Options, model: &SelfModel) ->
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
 
     if node.ready()? == Wake::Stop {
-        return Ok(node.finish()?);
+        return Ok(());
     }
     while node.wait(&mut [&mut robot], None)? != Wake::Stop {
         robot.take()?;
         let Some(belief) = robot.message() else { continue };
         let stamp = Stamp::of(&belief.header);
+        if belief.latent as usize != model.sizes.latent {
+            bail!("belief/robot has {} dimensions, the planner's self-model {}", belief.latent, model.sizes.latent);
+        }
         let deadline_ns = patience_ns.map(|patience| now_ns() + patience);
         match node.wait_step(&mut [&mut human, &mut driver, &mut displays], stamp.episode, stamp.step, deadline_ns) {
             Ok(Wake::Stop) => break,
@@ -138,7 +163,7 @@ pub fn decide(arguments: &RunArguments, options: &Options, model: &SelfModel) ->
         let known_action = acted.map(|a| [a.throttle, a.steer]);
         let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
         let decision = if is_of_step(human.header()) {
-            let (node, client, waiting) = (&mut node, &mut client, &mut waiting);
+            let (client, waiting) = (&mut client, &mut waiting);
             let mut people = RemotePeople { node, client, stamp, patience_ns, waiting };
             desk.plan(model, belief, known_action, speech_ready_s, &mut people)
         } else {
@@ -157,5 +182,5 @@ pub fn decide(arguments: &RunArguments, options: &Options, model: &SelfModel) ->
         node.count_missed(u64::from(late));
         node.end_step();
     }
-    Ok(node.finish()?)
+    Ok(())
 }

@@ -112,7 +112,10 @@ impl ImaginedPeople for RemotePeople<'_> {
                 *asked = bits.0;
             }
             question.lidar[..rows].as_flattened_mut().copy_from_slice(observations.visual.data());
-            question.verbal[..rows].as_flattened_mut().copy_from_slice(observations.verbal.data());
+            // Without a word to anybody, all of this is masked.
+            if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
+                question.verbal[..rows].as_flattened_mut().copy_from_slice(observations.verbal.data());
+            }
         })
     }
 

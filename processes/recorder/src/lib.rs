@@ -51,11 +51,12 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
         recorder.record(&mut node)?;
         recorder.finish(&mut node, options)
     });
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+    let told = match &result {
+        Ok(()) => node.finish(),
+        Err(error) => node.fail(&format!("{error:#}")),
+    };
+    // Why the process failed matters more than that the launcher could not be told.
+    result.and(told.map_err(Into::into))
 }
 
 struct Recorder {
@@ -80,11 +81,21 @@ impl Recorder {
         let mut queue = None;
         if let Some(path) = &options.record {
             let recording = Recording::create(path, &options.about, &options.road)?;
-            queue = Some(Queue::start(recording, when_full, BLOCKS).context("starting the writer thread")?);
+            queue = Some(
+                Queue::start(recording, when_full, BLOCKS).context("starting the writer thread")?,
+            );
         }
         let received = [0; TOPICS.len()];
-        let taken = Taken { queue, digest: Digest::new(), received, has_complained: false };
-        Ok(Self { inputs: Inputs::new(node)?, taken })
+        let taken = Taken {
+            queue,
+            digest: Digest::new(),
+            received,
+            has_complained: false,
+        };
+        Ok(Self {
+            inputs: Inputs::new(node)?,
+            taken,
+        })
     }
 
     fn record(&mut self, node: &mut Node) -> Result<()> {
@@ -125,8 +136,12 @@ impl Recorder {
         }
         if !result.complete {
             let lost: u64 = result.topics.values().map(result::TopicResult::lost).sum();
-            let reason = result.error.unwrap_or_else(|| "messages were lost".to_owned());
-            node.say(&format!("recording incomplete, {lost} messages missing: {reason}"))?;
+            let reason = result
+                .error
+                .unwrap_or_else(|| "messages were lost".to_owned());
+            node.say(&format!(
+                "recording incomplete, {lost} messages missing: {reason}"
+            ))?;
         }
         Ok(())
     }

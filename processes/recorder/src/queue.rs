@@ -61,7 +61,16 @@ impl Queue {
         let writer = std::thread::Builder::new()
             .name("recording".to_owned())
             .spawn(move || write_all(recording, &items, &give_back, &seen))?;
-        Ok(Self { free, full, writer, when_full, blocks, most, error, dropped: [0; TOPICS.len()] })
+        Ok(Self {
+            free,
+            full,
+            writer,
+            when_full,
+            blocks,
+            most,
+            error,
+            dropped: [0; TOPICS.len()],
+        })
     }
 
     /// Hands a message to the writer, or counts it as lost.
@@ -98,7 +107,11 @@ impl Queue {
 
     /// Waits until everything is on disk. `ports` are the losses at the recorder's ports.
     pub fn finish(self, ports: &PerTopic) -> Written {
-        let lost = Lost { ports: *ports, queue: self.dropped, disk: [0; TOPICS.len()] };
+        let lost = Lost {
+            ports: *ports,
+            queue: self.dropped,
+            disk: [0; TOPICS.len()],
+        };
         let ended = self.full.send(Item::End(Box::new(lost))).is_ok();
         match self.writer.join() {
             Ok(written) if ended => written,

@@ -132,9 +132,14 @@ impl Recording {
             let file = File::create(path)?;
             Ok((file.try_clone()?, file))
         };
-        let (file, handle) =
-            open().map_err(|source| RecordingError::Create { path: path.into(), source })?;
-        let head = |source| RecordingError::Head { path: path.into(), source };
+        let (file, handle) = open().map_err(|source| RecordingError::Create {
+            path: path.into(),
+            source,
+        })?;
+        let head = |source| RecordingError::Head {
+            path: path.into(),
+            source,
+        };
         let mut recording = Self {
             path: path.into(),
             about: about.clone(),
@@ -157,7 +162,9 @@ impl Recording {
     }
 
     fn write_head(&mut self) -> Result<(), McapError> {
-        let Some(writer) = &mut self.writer else { return Ok(()) };
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
         let none = BTreeMap::new();
         for (id, topic) in self.channels.iter_mut().zip(&TOPICS) {
             let name = topic.ros_type.replacen('/', "/msg/", 1);
@@ -200,7 +207,9 @@ impl Recording {
     }
 
     fn try_write(&mut self, message: &Recorded) -> Result<(), McapError> {
-        let Some(writer) = &mut self.writer else { return Ok(()) };
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
         let header = message.header();
         let record = |channel_id, sequence| MessageHeader {
             channel_id,
@@ -218,7 +227,8 @@ impl Recording {
         let mut emit = |channel: usize, body: &[u8]| {
             if result.is_ok() {
                 let sequence = self.derived_count[channel];
-                result = writer.write_to_known_channel(&record(self.derived[channel], sequence), body);
+                result =
+                    writer.write_to_known_channel(&record(self.derived[channel], sequence), body);
                 self.derived_count[channel] += 1;
                 self.chunk_bytes += body.len();
             }
@@ -246,10 +256,16 @@ impl Recording {
 
     /// Closes the file: metadata, index, end mark. `lost` holds what was lost before it reached this recording.
     pub fn finish(mut self, lost: &Lost) -> Written {
-        let mut outcome = Written { written: self.taken, lost: *lost, error: self.interrupted.take() };
+        let mut outcome = Written {
+            written: self.taken,
+            lost: *lost,
+            error: self.interrupted.take(),
+        };
         if let Some(mut writer) = self.writer.take() {
             let metadata = metadata(&self.about, &outcome);
-            let closed = writer.write_metadata(&metadata).and_then(|()| writer.finish());
+            let closed = writer
+                .write_metadata(&metadata)
+                .and_then(|()| writer.finish());
             let file = writer.into_inner();
             let closed = closed.and_then(|_| Ok(file.sync_all()?));
             if let Err(error) = closed {
@@ -268,7 +284,10 @@ impl Recording {
         while let Some((length, written)) = self.sound.pop() {
             outcome.written = written;
             outcome.lost.disk = core::array::from_fn(|topic| self.taken[topic] - written[topic]);
-            if self.close_at(length, &metadata(&self.about, outcome)).is_ok() {
+            if self
+                .close_at(length, &metadata(&self.about, outcome))
+                .is_ok()
+            {
                 return;
             }
         }
@@ -325,11 +344,17 @@ fn metadata(about: &About, outcome: &Written) -> Metadata {
     ]);
     let lost = outcome.lost.by_topic();
     for (index, topic) in TOPICS.iter().enumerate() {
-        entries.insert(format!("written {}", topic.name), outcome.written[index].to_string());
+        entries.insert(
+            format!("written {}", topic.name),
+            outcome.written[index].to_string(),
+        );
         entries.insert(format!("lost {}", topic.name), lost[index].to_string());
     }
     if let Some(error) = &outcome.error {
         entries.insert("error".to_owned(), error.clone());
     }
-    Metadata { name: METADATA.to_owned(), metadata: entries }
+    Metadata {
+        name: METADATA.to_owned(),
+        metadata: entries,
+    }
 }

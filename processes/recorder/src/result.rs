@@ -47,11 +47,22 @@ pub struct RecorderResult {
 
 impl RecorderResult {
     /// The result of a run whose messages were counted in `received`; `written` is `None` where no file was asked for.
-    pub fn new(digest: String, received: &PerTopic, ports: &PerTopic, written: Option<(&Path, &Written)>) -> Self {
+    pub fn new(
+        digest: String,
+        received: &PerTopic,
+        ports: &PerTopic,
+        written: Option<(&Path, &Written)>,
+    ) -> Self {
         let counts = |topic: usize| {
             let (lost, in_file) = match written {
                 Some((_, written)) => (written.lost, written.written[topic]),
-                None => (Lost { ports: *ports, ..Lost::default() }, 0),
+                None => (
+                    Lost {
+                        ports: *ports,
+                        ..Lost::default()
+                    },
+                    0,
+                ),
             };
             TopicResult {
                 received: received[topic],
@@ -81,9 +92,11 @@ impl RecorderResult {
     /// # Errors
     /// The system's, with the file's name.
     pub fn save(&self, path: &Path) -> io::Result<()> {
-        let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+        let named =
+            |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
         let text = serde_json::to_vec_pretty(self).map_err(io::Error::other);
-        text.and_then(|text| std::fs::write(path, text)).map_err(named)
+        text.and_then(|text| std::fs::write(path, text))
+            .map_err(named)
     }
 
     /// Reads what [`Self::save`] wrote.
@@ -91,7 +104,8 @@ impl RecorderResult {
     /// # Errors
     /// The system's or the format's, with the file's name and the place in it.
     pub fn load(path: &Path) -> io::Result<Self> {
-        let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+        let named =
+            |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
         let text = std::fs::read(path).map_err(named)?;
         serde_json::from_slice(&text).map_err(|error| named(io::Error::other(error)))
     }
@@ -121,7 +135,10 @@ mod tests {
         let path = folder.path().join("recorder.json");
         std::fs::write(&path, "{\"digest\": 3")?;
         let error = RecorderResult::load(&path).expect_err("broken").to_string();
-        assert!(error.contains("recorder.json") && error.contains("line 1"), "{error}");
+        assert!(
+            error.contains("recorder.json") && error.contains("line 1"),
+            "{error}"
+        );
         Ok(())
     }
 }

@@ -203,7 +203,11 @@ impl Marker {
         });
         cdr.u32(0); // colors: the marker's own
         cdr.string(""); // texture_resource
-        Stamp { time_ns: 0, frame: "" }.write(cdr); // texture
+        Stamp {
+            time_ns: 0,
+            frame: "",
+        }
+        .write(cdr); // texture
         cdr.string("");
         cdr.u32(0);
         cdr.u32(0); // uv_coordinates

@@ -20,8 +20,11 @@ const CAR_HEIGHT_M: f64 = 1.5;
 /// Height of the LIDAR on the roof (DESIGN §11).
 const LIDAR_HEIGHT_M: f64 = 1.7;
 /// Frames of the height bands and the heights of their middles.
-const BANDS: [(&str, f64); HEIGHT_BANDS] =
-    [("lidar_low", 0.25), ("lidar_mid", 0.75), ("lidar_high", 1.35)];
+const BANDS: [(&str, f64); HEIGHT_BANDS] = [
+    ("lidar_low", 0.25),
+    ("lidar_mid", 0.75),
+    ("lidar_high", 1.35),
+];
 
 const EGO: Colour = [0.15, 0.45, 0.95, 1.0];
 const UNSEEN: Colour = [0.45, 0.45, 0.45, 0.5];
@@ -123,8 +126,14 @@ impl Visuals {
 
     /// The road's lines, to be written once at the start of a recording.
     pub fn road(lines: &[RoadLine], time_ns: u64, cdr: &mut Cdr) {
-        let stamp = Stamp { time_ns, frame: "map" };
-        let markers: Vec<Marker> = (0..).zip(lines).map(|(id, line)| road_line(stamp, id, line)).collect();
+        let stamp = Stamp {
+            time_ns,
+            frame: "map",
+        };
+        let markers: Vec<Marker> = (0..)
+            .zip(lines)
+            .map(|(id, line)| road_line(stamp, id, line))
+            .collect();
         write_markers(&markers, cdr);
     }
 
@@ -140,7 +149,10 @@ impl Visuals {
                 }
             }
             LaserScan {
-                stamp: Stamp { time_ns: sensed_ns(&self.lidar.header), frame },
+                stamp: Stamp {
+                    time_ns: sensed_ns(&self.lidar.header),
+                    frame,
+                },
                 increment_rad: core::f32::consts::TAU / AZIMUTHS as f32,
                 range_max_m: REACH_M,
                 ranges_m: &ranges_m,
@@ -156,7 +168,10 @@ impl Visuals {
         let link = |frame, child, position, heading_rad| Transform {
             stamp: Stamp { time_ns, frame },
             child,
-            pose: Pose { position, heading_rad },
+            pose: Pose {
+                position,
+                heading_rad,
+            },
         };
         let ego = &self.scene.ego;
         let band = |index: usize| {
@@ -164,7 +179,12 @@ impl Visuals {
             link("lidar", frame, [0.0, 0.0, height - LIDAR_HEIGHT_M], 0.0)
         };
         let transforms = [
-            link("map", "base_link", [ego.x_m, ego.y_m, 0.0], f64::from(ego.heading_rad)),
+            link(
+                "map",
+                "base_link",
+                [ego.x_m, ego.y_m, 0.0],
+                f64::from(ego.heading_rad),
+            ),
             link("base_link", "lidar", [0.0, 0.0, LIDAR_HEIGHT_M], 0.0),
             band(0),
             band(1),
@@ -182,7 +202,10 @@ impl Visuals {
     /// Everything that moves, after a marker that clears what was drawn before.
     fn marker_list(&self) -> Vec<Marker> {
         let scene = &self.scene;
-        let stamp = Stamp { time_ns: sensed_ns(&scene.header), frame: "map" };
+        let stamp = Stamp {
+            time_ns: sensed_ns(&scene.header),
+            frame: "map",
+        };
         let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
         markers.push(car(stamp, "ego", &scene.ego, EGO));
         let count = (scene.count as usize).min(scene.objects.len());
@@ -217,7 +240,11 @@ impl Visuals {
 
 /// When the world sensed what a message shows; when it was sent, where it does not say.
 fn sensed_ns(header: &Header) -> u64 {
-    if header.cause_ns == 0 { header.sent_ns } else { header.cause_ns }
+    if header.cause_ns == 0 {
+        header.sent_ns
+    } else {
+        header.cause_ns
+    }
 }
 
 fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: Colour) -> Marker {
@@ -226,25 +253,43 @@ fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: Colou
         position: [object.x_m, object.y_m, 0.5 * CAR_HEIGHT_M],
         heading_rad: f64::from(object.heading_rad),
     };
-    marker.scale = [f64::from(object.length_m), f64::from(object.width_m), CAR_HEIGHT_M];
+    marker.scale = [
+        f64::from(object.length_m),
+        f64::from(object.width_m),
+        CAR_HEIGHT_M,
+    ];
     marker.colour = colour;
     marker
 }
 
 /// A broken line draws every other of its pieces.
 fn road_line(stamp: Stamp, id: i32, line: &RoadLine) -> Marker {
-    let shape = if line.dashed { Shape::LineList } else { Shape::LineStrip };
+    let shape = if line.dashed {
+        Shape::LineList
+    } else {
+        Shape::LineStrip
+    };
     let mut marker = Marker::new(stamp, "road", id, shape);
     marker.scale = [0.15, 0.0, 0.0];
     marker.colour = PAINT;
-    let pieces = if line.dashed { line.points_m.len() & !1 } else { line.points_m.len() };
-    marker.points = line.points_m[..pieces].iter().map(|&[x, y]| [x, y, 0.0]).collect();
+    let pieces = if line.dashed {
+        line.points_m.len() & !1
+    } else {
+        line.points_m.len()
+    };
+    marker.points = line.points_m[..pieces]
+        .iter()
+        .map(|&[x, y]| [x, y, 0.0])
+        .collect();
     marker
 }
 
 /// Zero-padded text, with whatever is not UTF-8 replaced.
 pub fn text(padded: &[u8]) -> String {
-    let end = padded.iter().position(|&byte| byte == 0).unwrap_or(padded.len());
+    let end = padded
+        .iter()
+        .position(|&byte| byte == 0)
+        .unwrap_or(padded.len());
     String::from_utf8_lossy(&padded[..end]).into_owned()
 }
 
@@ -280,7 +325,10 @@ mod tests {
         let mut display = Display::ZERO;
         (display.objects[0], display.object_count) = (5, 1);
         visuals.derive(&(&display).into(), &mut |_, _| {});
-        assert_eq!(colours(&visuals), [(-1, EGO), (5, HIGHLIGHTED), (6, UNSEEN)]);
+        assert_eq!(
+            colours(&visuals),
+            [(-1, EGO), (5, HIGHLIGHTED), (6, UNSEEN)]
+        );
         let mut outcome = messages::Outcome::ZERO;
         (outcome.collided, outcome.other) = (1, 6);
         visuals.derive(&(&outcome).into(), &mut |_, _| {});
@@ -316,10 +364,19 @@ mod tests {
     fn every_message_is_drawn_on_its_channels() {
         let mut visuals = Visuals::default();
         let mut channels = Vec::new();
-        for message in [(&LidarFrame::ZERO).into(), (&Scene::ZERO).into(), (&Display::ZERO).into()] {
-            visuals.derive(&message, &mut |channel, body| channels.push((channel, body.len())));
+        for message in [
+            (&LidarFrame::ZERO).into(),
+            (&Scene::ZERO).into(),
+            (&Display::ZERO).into(),
+        ] {
+            visuals.derive(&message, &mut |channel, body| {
+                channels.push((channel, body.len()))
+            });
         }
-        let used: Vec<_> = channels.iter().map(|(channel, _)| CHANNELS[*channel].0).collect();
+        let used: Vec<_> = channels
+            .iter()
+            .map(|(channel, _)| CHANNELS[*channel].0)
+            .collect();
         let scans = ["/viz/scan_low", "/viz/scan_mid", "/viz/scan_high"];
         assert_eq!(used[..3], scans);
         assert_eq!(used[3..], ["/tf", "/viz/markers", "/viz/markers"]);

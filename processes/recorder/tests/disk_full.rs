@@ -15,7 +15,10 @@ fn limit_file_size(bytes: u64) {
     // SAFETY: both calls take plain values and change only this process.
     unsafe {
         libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
-        let limit = libc::rlimit { rlim_cur: bytes, rlim_max: libc::RLIM_INFINITY };
+        let limit = libc::rlimit {
+            rlim_cur: bytes,
+            rlim_max: libc::RLIM_INFINITY,
+        };
         assert_eq!(libc::setrlimit(libc::RLIMIT_FSIZE, &limit), 0);
     }
 }
@@ -38,7 +41,10 @@ fn a_full_disk_ends_the_recording_but_not_the_run() {
     assert!(!outcome.is_complete());
     assert_eq!(outcome.error.as_deref(), Some(error.as_str()));
     for topic in 0..TOPICS.len() {
-        assert_eq!(outcome.written[topic] + outcome.lost.disk[topic], u64::from(STEPS));
+        assert_eq!(
+            outcome.written[topic] + outcome.lost.disk[topic],
+            u64::from(STEPS)
+        );
         assert!(outcome.written[topic] > 0 && outcome.lost.disk[topic] > 0);
     }
     let bytes = std::fs::read(&path).expect("the recording");
@@ -50,7 +56,10 @@ fn a_full_disk_ends_the_recording_but_not_the_run() {
     }
     let metadata = metadata(&bytes);
     assert_eq!(metadata["complete"], "false");
-    assert_eq!(metadata["lost world/scene"], outcome.lost.disk[topic_of("world/scene")].to_string());
+    assert_eq!(
+        metadata["lost world/scene"],
+        outcome.lost.disk[topic_of("world/scene")].to_string()
+    );
 }
 
 /// Our own topics' bodies. The reader fails where the file does not end as a file of its format must.
@@ -58,7 +67,9 @@ fn read_to_end(bytes: &[u8]) -> Vec<Vec<u8>> {
     let stream = mcap::MessageStream::new(bytes).expect("a sound head");
     let messages = stream.map(|message| message.expect("sound to the end"));
     let ours = messages.filter(|message| {
-        TOPICS.iter().any(|topic| message.channel.topic[1..] == *topic.name)
+        TOPICS
+            .iter()
+            .any(|topic| message.channel.topic[1..] == *topic.name)
     });
     ours.map(|message| message.data.into_owned()).collect()
 }
@@ -75,5 +86,8 @@ fn metadata(bytes: &[u8]) -> std::collections::BTreeMap<String, String> {
 }
 
 fn topic_of(name: &str) -> usize {
-    TOPICS.iter().position(|topic| topic.name == name).expect("a topic")
+    TOPICS
+        .iter()
+        .position(|topic| topic.name == name)
+        .expect("a topic")
 }

@@ -71,12 +71,19 @@ impl Sender {
 fn send<M: Message>(output: &Output<M>, step: u32, digest: &mut Digest) -> anyhow::Result<()> {
     let message = known::<M>(step, 3);
     digest.add(output.topic(), &message);
-    let stamp = Stamp { episode: 0, step, cause_ns: 1 };
+    let stamp = Stamp {
+        episode: 0,
+        step,
+        cause_ns: 1,
+    };
     Ok(output.send_with(stamp, |place| *place = message)?)
 }
 
 /// Runs a recorder against a sender; the recorder's result, its last report's digest, and the sender's digest.
-fn record(instance: &str, record: Option<&Path>) -> anyhow::Result<(RecorderResult, String, String)> {
+fn record(
+    instance: &str,
+    record: Option<&Path>,
+) -> anyhow::Result<(RecorderResult, String, String)> {
     let root = tempfile::tempdir()?;
     let lock = InstanceLock::acquire(root.path(), instance)?;
     let mut launcher = Launcher::open(lock, 42, ClockMode::Lockstep)?;
@@ -102,11 +109,19 @@ fn record(instance: &str, record: Option<&Path>) -> anyhow::Result<(RecorderResu
     let report = finished(&mut launcher, "recorder", deadline)?;
     recorder.join().expect("the recorder does not panic")?;
     let sent = sender.join().expect("the sender does not panic")?;
-    let reported = report.digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    let reported = report
+        .digest
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
     Ok((RecorderResult::load(&result)?, reported, sent))
 }
 
-fn finished(launcher: &mut Launcher, name: &str, deadline: u64) -> anyhow::Result<messages::Report> {
+fn finished(
+    launcher: &mut Launcher,
+    name: &str,
+    deadline: u64,
+) -> anyhow::Result<messages::Report> {
     loop {
         anyhow::ensure!(
             launcher.wait(&[], Some(deadline))? == LauncherWake::Report,
@@ -132,7 +147,10 @@ fn every_message_of_a_run_is_recorded() -> anyhow::Result<()> {
     assert_eq!(result.digest, reported);
     for topic in TOPICS.iter().filter(|topic| topic.is_repeatable()) {
         let counts = &result.topics[topic.name];
-        assert_eq!((counts.received, counts.written), (u64::from(STEPS), u64::from(STEPS)));
+        assert_eq!(
+            (counts.received, counts.written),
+            (u64::from(STEPS), u64::from(STEPS))
+        );
     }
     let bytes = std::fs::read(&path)?;
     let mut scenes = 0;
@@ -147,7 +165,10 @@ fn every_message_of_a_run_is_recorded() -> anyhow::Result<()> {
 fn the_digest_needs_no_file() -> anyhow::Result<()> {
     let (result, reported, sent) = record("none", None)?;
     assert!(result.complete, "{result:?}");
-    assert_eq!((result.digest.as_str(), reported.as_str()), (sent.as_str(), sent.as_str()));
+    assert_eq!(
+        (result.digest.as_str(), reported.as_str()),
+        (sent.as_str(), sent.as_str())
+    );
     assert_eq!(result.file, None);
     assert_eq!(result.topics["world/scene"].received, u64::from(STEPS));
     assert_eq!(result.topics["world/scene"].written, 0);
@@ -155,17 +176,22 @@ fn the_digest_needs_no_file() -> anyhow::Result<()> {
 }
 
 #[test]
-fn a_recording_that_cannot_be_created_is_reported() -> anyhow::Result<()> {
+fn a_recording_that_cannot_be_created_ends_the_process_with_the_files_name() -> anyhow::Result<()> {
     let root = tempfile::tempdir()?;
     let lock = InstanceLock::acquire(root.path(), "bad")?;
-    let mut launcher = Launcher::open(lock, 42, ClockMode::RealTime)?;
-    let ours = RunArguments { launcher_pid: 0, ..launcher.arguments().for_process("recorder", 0) };
-    let options = Options { record: Some("/nowhere/at/all.mcap".into()), ..Options::default() };
-    let recorder = std::thread::spawn(move || recorder::run(&ours, &options));
-    let ready = launcher.wait_ready(&["recorder"], &[], now_ns() + 60_000_000_000);
-    let told = ready.expect_err("no recording, no start").to_string();
-    assert!(told.contains("/nowhere/at/all.mcap"), "{told}");
-    let error = recorder.join().expect("no panic").expect_err("no recording, no run");
-    assert!(format!("{error:#}").contains("/nowhere/at/all.mcap"), "{error:#}");
+    let launcher = Launcher::open(lock, 42, ClockMode::RealTime)?;
+    let ours = RunArguments {
+        launcher_pid: 0,
+        ..launcher.arguments().for_process("recorder", 0)
+    };
+    let options = Options {
+        record: Some("/nowhere/at/all.mcap".into()),
+        ..Options::default()
+    };
+    let error = recorder::run(&ours, &options).expect_err("no recording, no run");
+    assert!(
+        format!("{error:#}").contains("/nowhere/at/all.mcap"),
+        "{error:#}"
+    );
     Ok(())
 }

@@ -37,7 +37,9 @@ fn all_messages() -> Vec<Recorded> {
 
 /// The closing metadata, as the Rust reader finds it through the index.
 fn closing_metadata(bytes: &[u8]) -> BTreeMap<String, String> {
-    let summary = mcap::Summary::read(bytes).expect("a sound file").expect("an index");
+    let summary = mcap::Summary::read(bytes)
+        .expect("a sound file")
+        .expect("an index");
     assert_eq!(summary.metadata_indexes.len(), 1);
     let metadata = mcap::read::metadata(bytes, &summary.metadata_indexes[0]).expect("metadata");
     assert_eq!(metadata.name, METADATA);
@@ -58,9 +60,19 @@ fn the_rust_reader_finds_every_message_byte_for_byte() {
     assert_eq!(metadata["complete"], "true");
     assert_eq!(metadata["planner"], "ce");
     assert_eq!(metadata["written world/lidar"], STEPS.to_string());
-    let summary = mcap::Summary::read(&bytes).expect("sound").expect("an index");
-    assert!(summary.chunk_indexes.len() > 3, "one chunk only: chunking is not exercised");
-    assert!(summary.chunk_indexes.iter().all(|chunk| chunk.compression == "zstd"));
+    let summary = mcap::Summary::read(&bytes)
+        .expect("sound")
+        .expect("an index");
+    assert!(
+        summary.chunk_indexes.len() > 3,
+        "one chunk only: chunking is not exercised"
+    );
+    assert!(
+        summary
+            .chunk_indexes
+            .iter()
+            .all(|chunk| chunk.compression == "zstd")
+    );
 
     let ours: Vec<_> = mcap::MessageStream::new(&bytes)
         .expect("sound")
@@ -69,7 +81,10 @@ fn the_rust_reader_finds_every_message_byte_for_byte() {
         .collect();
     assert_eq!(ours.len(), messages.len());
     for (read, sent) in ours.iter().zip(&messages) {
-        assert_eq!(read.channel.topic, format!("/{}", TOPICS[sent.topic()].name));
+        assert_eq!(
+            read.channel.topic,
+            format!("/{}", TOPICS[sent.topic()].name)
+        );
         assert_eq!(&read.data[..4], [0, 1, 0, 0]);
         assert_eq!(&read.data[4..], sent.bytes());
         assert_eq!(read.log_time, sent.header().sent_ns);
@@ -88,7 +103,10 @@ fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
         return;
     };
     let folder = tempfile::tempdir().expect("a folder");
-    let (path, expected) = (folder.path().join("drive.mcap"), folder.path().join("sent.jsonl"));
+    let (path, expected) = (
+        folder.path().join("drive.mcap"),
+        folder.path().join("sent.jsonl"),
+    );
     let messages: Vec<_> = (0..12).flat_map(step_messages).collect();
     assert!(write(&path, &messages).is_complete());
     let lines: Vec<String> = messages
@@ -105,17 +123,33 @@ fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
         .collect();
     std::fs::write(&expected, lines.join("\n")).expect("our folder");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_recording.py");
-    let output = Command::new(&python).arg(script).arg(&path).arg(&expected).output();
+    let output = Command::new(&python)
+        .arg(script)
+        .arg(&path)
+        .arg(&expected)
+        .output();
     let output = output.expect("Python ran a moment ago");
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{text}\n{}", String::from_utf8_lossy(&output.stderr));
-    assert!(text.contains("120 messages of 10 topics equal what was sent"), "{text}");
+    assert!(
+        output.status.success(),
+        "{text}\n{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(
+        text.contains("120 messages of 10 topics equal what was sent"),
+        "{text}"
+    );
 }
 
 fn python() -> Option<String> {
-    let candidates = [std::env::var("MIRROR_PYTHON").ok(), Some("python3".to_owned())];
+    let candidates = [
+        std::env::var("MIRROR_PYTHON").ok(),
+        Some("python3".to_owned()),
+    ];
     candidates.into_iter().flatten().find(|python| {
-        let check = Command::new(python).args(["-c", "import mcap, mcap_ros2.decoder"]).output();
+        let check = Command::new(python)
+            .args(["-c", "import mcap, mcap_ros2.decoder"])
+            .output();
         check.is_ok_and(|output| output.status.success())
     })
 }
@@ -161,5 +195,8 @@ fn a_path_that_cannot_be_written_is_named() {
         panic!("created a file in a folder that does not exist");
     };
     assert!(matches!(error, RecordingError::Create { .. }));
-    assert!(error.to_string().contains("/nowhere/at/all/drive.mcap"), "{error}");
+    assert!(
+        error.to_string().contains("/nowhere/at/all/drive.mcap"),
+        "{error}"
+    );
 }

@@ -23,7 +23,11 @@ pub struct Options {
 impl Default for Options {
     /// The highway's: steps of 0.15 s (DESIGN §3), 3.5 s between utterances (§11).
     fn default() -> Self {
-        Self { step_s: 0.15, speech_interval_s: 3.5, print: true }
+        Self {
+            step_s: 0.15,
+            speech_interval_s: 3.5,
+            print: true,
+        }
     }
 }
 
@@ -58,7 +62,12 @@ impl Renderer {
 
     /// Fills in `display` for the step of `frame`: what `decision` highlights and says, resolved in what the LIDAR
     /// sees now. Without a decision that is in force nothing is shown.
-    pub fn render(&mut self, frame: &LidarFrame, decision: Option<&CommAction>, display: &mut Display) {
+    pub fn render(
+        &mut self,
+        frame: &LidarFrame,
+        decision: Option<&CommAction>,
+        display: &mut Display,
+    ) {
         let (episode, step) = (frame.header.episode, frame.header.step);
         if episode != self.episode {
             (self.episode, self.ready_step, self.heard_step) = (episode, 0, None);
@@ -69,7 +78,8 @@ impl Renderer {
         display.highlighted = 0;
         if let Some(decision) = decision.filter(|decision| is_in_force(decision, frame)) {
             highlight(frame, decision.visual, display);
-            let is_new = self.heard_step.replace(decision.header.step) != Some(decision.header.step);
+            let is_new =
+                self.heard_step.replace(decision.header.step) != Some(decision.header.step);
             if is_new
                 && step >= self.ready_step
                 && let Some(sector) = most_wanted(decision)
@@ -127,7 +137,13 @@ fn highlight(frame: &LidarFrame, visual: u32, display: &mut Display) {
 fn most_wanted(decision: &CommAction) -> Option<usize> {
     let wanted = (0..SECTORS).filter(|sector| decision.verbal >> sector & 1 == 1);
     let probability = |sector: usize| decision.verbal_probability[sector];
-    wanted.reduce(|best, sector| if probability(sector) > probability(best) { sector } else { best })
+    wanted.reduce(|best, sector| {
+        if probability(sector) > probability(best) {
+            sector
+        } else {
+            best
+        }
+    })
 }
 
 #[cfg(test)]
@@ -164,7 +180,12 @@ mod tests {
     }
 
     /// What is shown at the decision's own step.
-    fn render(renderer: &mut Renderer, frame: &LidarFrame, visual: u32, verbal: &[(usize, f32)]) -> Display {
+    fn render(
+        renderer: &mut Renderer,
+        frame: &LidarFrame,
+        visual: u32,
+        verbal: &[(usize, f32)],
+    ) -> Display {
         let mut decision = decision(frame.header.step, visual, verbal);
         decision.header.episode = frame.header.episode;
         let mut display = Display::ZERO;
@@ -175,7 +196,15 @@ mod tests {
     #[test]
     fn highlights_are_the_objects_in_front_each_once() {
         let mut renderer = Renderer::new(&Options::default());
-        let frame = frame(3, &[(0, 7, 20.0, 5.0), (1, 7, 20.0, 5.0), (5, 4, 9.0, 5.0), (12, 9, 9.0, 5.0)]);
+        let frame = frame(
+            3,
+            &[
+                (0, 7, 20.0, 5.0),
+                (1, 7, 20.0, 5.0),
+                (5, 4, 9.0, 5.0),
+                (12, 9, 9.0, 5.0),
+            ],
+        );
         let display = render(&mut renderer, &frame, 0b00_1111, &[]);
         // Left-rear and rear are behind the head-up display's reach.
         assert_eq!(display.highlighted, 0b00_0011);
@@ -196,7 +225,10 @@ mod tests {
         assert_eq!(first.utterances[0].speed_mps, 18.2);
         let words = speech::sentence(3, speech::UtteranceKind::Fast);
         assert!(first.utterances[0].text.starts_with(words.as_bytes()));
-        assert_eq!(first.utterances[0].text[words.len()..], [0; 64][words.len()..]);
+        assert_eq!(
+            first.utterances[0].text[words.len()..],
+            [0; 64][words.len()..]
+        );
         // 3.5 s are 23 1/3 steps: the next may start with the 24th.
         assert!((first.speech_ready_s - 3.6).abs() < 1e-5);
         let early = render(&mut renderer, &frame(33, &cars), 0, &wanted);
@@ -223,7 +255,11 @@ mod tests {
 
     #[test]
     fn an_interval_of_whole_steps_is_that_many_steps() {
-        let options = Options { step_s: 0.15, speech_interval_s: 3.0, ..Options::default() };
+        let options = Options {
+            step_s: 0.15,
+            speech_interval_s: 3.0,
+            ..Options::default()
+        };
         assert_eq!(Renderer::new(&options).interval_steps, 20);
     }
 
@@ -232,13 +268,23 @@ mod tests {
         let mut renderer = Renderer::new(&Options::default());
         let mut display = Display::ZERO;
         renderer.render(&frame(0, &[(0, 1, 5.0, 1.0)]), None, &mut display);
-        assert_eq!((display.highlighted, display.object_count, display.utterance_count), (0, 0, 0));
+        assert_eq!(
+            (
+                display.highlighted,
+                display.object_count,
+                display.utterance_count
+            ),
+            (0, 0, 0)
+        );
         assert_eq!(display.objects, [-1; 16]);
     }
 
     #[test]
     fn a_late_decision_is_held_for_two_steps_and_spoken_once() {
-        let options = Options { speech_interval_s: 0.15, ..Options::default() };
+        let options = Options {
+            speech_interval_s: 0.15,
+            ..Options::default()
+        };
         let mut renderer = Renderer::new(&options);
         let decision = decision(5, 1, &[(3, 0.9)]);
         let shown: Vec<_> = (4..9)

@@ -52,11 +52,16 @@ impl<W: Write> Events<W> {
         }
         let mut news = 0;
         for sector in (0..SECTORS).filter(|sector| display.highlighted >> sector & 1 == 1) {
-            let dark = self.lit[sector].is_none_or(|lit| step.saturating_sub(lit) > self.dark_steps);
+            let dark =
+                self.lit[sector].is_none_or(|lit| step.saturating_sub(lit) > self.dark_steps);
             news |= u32::from(dark) << sector;
             self.lit[sector] = Some(step);
         }
-        if news != 0 { self.show(step, news, frame) } else { Ok(()) }
+        if news != 0 {
+            self.show(step, news, frame)
+        } else {
+            Ok(())
+        }
     }
 
     /// A collision or the end of an episode.
@@ -78,7 +83,12 @@ impl<W: Write> Events<W> {
             3 => "out of time",
             _ => return Ok(()),
         };
-        self.line(step, BOLD, "END", format_args!("episode {}: {how}", outcome.header.episode))
+        self.line(
+            step,
+            BOLD,
+            "END",
+            format_args!("episode {}: {how}", outcome.header.episode),
+        )
     }
 
     fn enter(&mut self, episode: u32) -> io::Result<()> {
@@ -91,7 +101,11 @@ impl<W: Write> Events<W> {
     }
 
     fn say(&mut self, step: u32, utterance: &Utterance) -> io::Result<()> {
-        let text = utterance.text.split(|&byte| byte == 0).next().unwrap_or_default();
+        let text = utterance
+            .text
+            .split(|&byte| byte == 0)
+            .next()
+            .unwrap_or_default();
         let text = String::from_utf8_lossy(text);
         let sector = SECTOR_NAMES.get(utterance.sector as usize).unwrap_or(&"?");
         let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
@@ -113,15 +127,27 @@ impl<W: Write> Events<W> {
             what += comma;
             what += SECTOR_NAMES[sector];
             match nearest_in(frame, sector) {
-                Some((range_m, speed_mps)) => what += &format!(" {range_m:.0} m {speed_mps:.1} m/s"),
+                Some((range_m, speed_mps)) => {
+                    what += &format!(" {range_m:.0} m {speed_mps:.1} m/s")
+                }
                 None => what += " (no car)",
             }
         }
         self.line(step, YELLOW, "SHOW", format_args!("{what}"))
     }
 
-    fn line(&mut self, step: u32, colour: &str, word: &str, rest: core::fmt::Arguments) -> io::Result<()> {
-        let (colour, plain) = if self.colours { (colour, PLAIN) } else { ("", "") };
+    fn line(
+        &mut self,
+        step: u32,
+        colour: &str,
+        word: &str,
+        rest: core::fmt::Arguments,
+    ) -> io::Result<()> {
+        let (colour, plain) = if self.colours {
+            (colour, PLAIN)
+        } else {
+            ("", "")
+        };
         let time_s = step as f32 * self.step_s;
         writeln!(self.out, "{time_s:7.2} s  {colour}{word:<5}{plain}  {rest}")
     }
@@ -161,7 +187,10 @@ mod tests {
     fn lines(write: impl FnOnce(&mut Events<&mut Vec<u8>>)) -> Vec<String> {
         let mut out = Vec::new();
         write(&mut Events::new(&mut out, false, &Options::default()));
-        String::from_utf8_lossy(&out).lines().map(str::to_owned).collect()
+        String::from_utf8_lossy(&out)
+            .lines()
+            .map(str::to_owned)
+            .collect()
     }
 
     #[test]
@@ -180,7 +209,11 @@ mod tests {
         });
         assert_eq!(lines.len(), 3, "{lines:#?}");
         assert_eq!(lines[0], "   0.00 s  START  episode 0");
-        assert!(lines[1].starts_with("  12.00 s  SAY    “Fast car "), "{}", lines[1]);
+        assert!(
+            lines[1].starts_with("  12.00 s  SAY    “Fast car "),
+            "{}",
+            lines[1]
+        );
         assert!(lines[1].ends_with("”  rear 23 m 18.2 m/s"), "{}", lines[1]);
         assert_eq!(lines[2], "  12.00 s  SHOW   front 23 m 18.2 m/s");
     }
@@ -204,6 +237,12 @@ mod tests {
         outcome.header.step = 20;
         (outcome.collided, outcome.other, outcome.end) = (1, 4, 2);
         let lines = lines(|events| drop(events.outcome(&outcome)));
-        assert_eq!(lines[1..], ["   3.00 s  CRASH  hit car 4", "   3.00 s  END    episode 0: ended by a collision"]);
+        assert_eq!(
+            lines[1..],
+            [
+                "   3.00 s  CRASH  hit car 4",
+                "   3.00 s  END    episode 0: ended by a collision"
+            ]
+        );
     }
 }

@@ -21,11 +21,12 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
         ClockMode::Lockstep => process.lockstep(&mut node),
         ClockMode::RealTime => process.real_time(&mut node),
     });
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+    let told = match &result {
+        Ok(()) => node.finish(),
+        Err(error) => node.fail(&format!("{error:#}")),
+    };
+    // Why the process failed matters more than that the launcher could not be told.
+    result.and(told.map_err(Into::into))
 }
 
 struct Process {
@@ -50,7 +51,9 @@ impl Process {
             outcome: node.input(topic::OUTCOME, Receive::InOrder)?,
             display: node.output(topic::DISPLAY)?,
             renderer: Renderer::new(options),
-            events: options.print.then(|| Events::new(io::stdout(), colours, options)),
+            events: options
+                .print
+                .then(|| Events::new(io::stdout(), colours, options)),
         })
     }
 
@@ -61,10 +64,16 @@ impl Process {
         }
         while node.wait(&mut [&mut self.lidar], None)? != Wake::Stop {
             self.lidar.take()?;
-            let Some((episode, step)) = self.lidar.header().map(|header| (header.episode, header.step)) else {
+            let Some((episode, step)) = self
+                .lidar
+                .header()
+                .map(|header| (header.episode, header.step))
+            else {
                 continue;
             };
-            if step > 0 && node.wait_step(&mut [&mut self.decision], episode, step, None)? == Wake::Stop {
+            if step > 0
+                && node.wait_step(&mut [&mut self.decision], episode, step, None)? == Wake::Stop
+            {
                 break;
             }
             self.show()?;
@@ -78,7 +87,11 @@ impl Process {
         if node.ready()? == Wake::Stop {
             return Ok(());
         }
-        while node.wait(&mut [&mut self.lidar, &mut self.decision, &mut self.outcome], None)? != Wake::Stop {
+        while node.wait(
+            &mut [&mut self.lidar, &mut self.decision, &mut self.outcome],
+            None,
+        )? != Wake::Stop
+        {
             let sensed = self.lidar.take()?;
             let decided = self.decision.take()?;
             if sensed || (decided && self.is_late()) {
@@ -100,9 +113,12 @@ impl Process {
 
     fn show(&mut self) -> Result<()> {
         self.tell_outcomes()?;
-        let Some(frame) = self.lidar.message() else { return Ok(()) };
+        let Some(frame) = self.lidar.message() else {
+            return Ok(());
+        };
         let mut display = self.display.loan()?;
-        self.renderer.render(frame, self.decision.message(), &mut display);
+        self.renderer
+            .render(frame, self.decision.message(), &mut display);
         if let Some(events) = &mut self.events {
             // A closed terminal is no reason to stop showing.
             let _ = events.display(&display, frame);

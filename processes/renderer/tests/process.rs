@@ -1,12 +1,10 @@
 //! The renderer in a run: in lockstep every frame gets the display that its decision asks for.
 
-use messages::{
-    AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, topic,
-};
+use messages::{AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, topic};
 use renderer::{Options, Renderer};
 use runtime::{
-    ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments, Stamp,
-    Wake, now_ns,
+    ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments,
+    Stamp, Wake, now_ns,
 };
 
 const STEPS: u32 = 60;
@@ -28,8 +26,8 @@ fn frame(episode: u32, step: u32) -> LidarFrame {
 fn decision(episode: u32, step: u32) -> CommAction {
     let mut decision = CommAction::ZERO;
     (decision.header.episode, decision.header.step) = (episode, step);
-    decision.visual = u32::from(step % 3 == 0);
-    decision.verbal = u32::from(step % 7 == 0) << 3;
+    decision.visual = u32::from(step.is_multiple_of(3));
+    decision.verbal = u32::from(step.is_multiple_of(7)) << 3;
     decision.verbal_probability[3] = 0.9;
     decision
 }
@@ -58,14 +56,26 @@ impl Others {
     fn run(mut self) -> anyhow::Result<Vec<Display>> {
         let mut displays = Vec::new();
         self.node.ready()?;
-        for (episode, step) in (0..2).flat_map(|episode| (0..STEPS).map(move |step| (episode, step))) {
-            let stamp = Stamp { episode, step, cause_ns: 1 + u64::from(step) };
-            self.lidar.send_with(stamp, |place| *place = frame(episode, step))?;
-            if self.node.wait_step(&mut [&mut self.display], episode, step, None)? == Wake::Stop {
+        for (episode, step) in
+            (0..2).flat_map(|episode| (0..STEPS).map(move |step| (episode, step)))
+        {
+            let stamp = Stamp {
+                episode,
+                step,
+                cause_ns: 1 + u64::from(step),
+            };
+            self.lidar
+                .send_with(stamp, |place| *place = frame(episode, step))?;
+            if self
+                .node
+                .wait_step(&mut [&mut self.display], episode, step, None)?
+                == Wake::Stop
+            {
                 break;
             }
             displays.extend(self.display.message());
-            self.decision.send_with(stamp.next(), |place| *place = decision(episode, step + 1))?;
+            self.decision
+                .send_with(stamp.next(), |place| *place = decision(episode, step + 1))?;
         }
         self.node.finish()?;
         Ok(displays)
@@ -82,7 +92,10 @@ fn every_frame_gets_its_display() -> anyhow::Result<()> {
         ..launcher.arguments().for_process(name, index)
     };
     let (ours, theirs) = (process("renderer", 0), process("others", 1));
-    let options = Options { print: false, ..Options::default() };
+    let options = Options {
+        print: false,
+        ..Options::default()
+    };
     let same = options.clone();
     let renderer = std::thread::spawn(move || renderer::run(&ours, &same));
     let others = std::thread::spawn(move || Others::join(&theirs)?.run());
@@ -91,7 +104,10 @@ fn every_frame_gets_its_display() -> anyhow::Result<()> {
     launcher.start()?;
     let mut running = 2;
     while running > 0 {
-        anyhow::ensure!(launcher.wait(&[], Some(deadline))? == LauncherWake::Report, "no end");
+        anyhow::ensure!(
+            launcher.wait(&[], Some(deadline))? == LauncherWake::Report,
+            "no end"
+        );
         while let Some(report) = launcher.next_report()? {
             anyhow::ensure!(report.state != 4, "a process failed");
             if report.state == 3 {

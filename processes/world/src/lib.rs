@@ -7,7 +7,7 @@
 mod options;
 mod ports;
 
-pub use options::{Options, Recording, build};
+pub use options::Options;
 
 use anyhow::Result;
 use domains::highway::{End, Outcome, World};
@@ -18,9 +18,9 @@ use runtime::{ClockMode, Node, RunArguments, Ticker, Wake, now_ns};
 ///
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let result = drive(&mut node);
+    let result = drive(&mut node, options);
     match &result {
         Ok(()) => node.finish()?,
         Err(error) => node.fail(&format!("{error:#}"))?,
@@ -28,8 +28,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     result
 }
 
-fn drive(node: &mut Node) -> Result<()> {
-    let options: Options = node.arguments().options()?;
+fn drive(node: &mut Node, options: &Options) -> Result<()> {
     let mut world = options.world()?;
     let mut ports = Ports::new(node)?;
     if node.ready()? == Wake::Stop {
@@ -52,10 +51,10 @@ fn drive(node: &mut Node) -> Result<()> {
 fn lockstep(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32) -> Result<Wake> {
     let mut outcome = Outcome::default();
     for step in 0.. {
-        ports.skip_decisions()?;
+        ports.skip()?;
         if outcome.end != End::Running {
-            // The last decision depends on everybody's last message: with it, all that this episode sends is sent.
-            if ports.await_decision(node, episode, step)? == Wake::Stop {
+            // When these two are there, everything that others send in this episode has been sent.
+            if ports.await_last(node, episode, step)? == Wake::Stop {
                 return Ok(Wake::Stop);
             }
             ports.publish(world, &outcome, episode, step)?;
@@ -79,7 +78,7 @@ fn real_time(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32
     let mut ticker = Ticker::new(now_ns(), period_ns as u64);
     let (mut outcome, mut held) = (Outcome::default(), [0.0; 2]);
     for step in 0.. {
-        ports.skip_decisions()?;
+        ports.skip()?;
         ports.publish(world, &outcome, episode, step)?;
         if outcome.end != End::Running {
             break;

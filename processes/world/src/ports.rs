@@ -3,7 +3,7 @@
 use anyhow::Result;
 use domains::highway::traffic::CarState;
 use domains::highway::{self, End, World};
-use messages::{CommAction, DriverAction, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, topic};
+use messages::{CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, topic};
 use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, Stamp, Wake, now_ns};
 
 /// How often the end of an episode looks for the planner's last decision.
@@ -16,7 +16,8 @@ pub struct Ports {
     outcome: Output<Outcome>,
     /// The driver's actions.
     pub action: Input<DriverAction>,
-    /// The planner's decisions, of which only an episode's last one is awaited.
+    /// Of these, only an episode's last one is awaited.
+    human: Input<HumanBelief>,
     decision: Input<CommAction>,
     /// Squared distance and index of every car present; only used where more are present than a message holds.
     by_distance: Vec<(f64, usize)>,
@@ -29,31 +30,37 @@ impl Ports {
             ClockMode::Lockstep => Receive::InOrder,
             ClockMode::RealTime => Receive::Newest,
         };
-        // Decisions are looked at once a step; without a bell, the planner need not ring it a thousand times a second.
+        // Looked at once a step; without a bell, nobody has to ring it a thousand times a second.
         let asleep = InputOptions { wakes: false, ..InputOptions::new(Receive::Newest) };
         Ok(Self {
             lidar: node.output(topic::LIDAR)?,
             scene: node.output(topic::SCENE)?,
             outcome: node.output(topic::OUTCOME)?,
             action: node.input(topic::DRIVER_ACTION, receive)?,
+            human: node.input_with(topic::HUMAN_BELIEF, asleep)?,
             decision: node.input_with(topic::COMM_ACTION, asleep)?,
             by_distance: Vec::with_capacity(1024),
         })
     }
 
-    /// Passes over the decisions that came since the last step.
-    pub fn skip_decisions(&mut self) -> Result<()> {
+    /// Passes over the beliefs and decisions that came since the last step.
+    pub fn skip(&mut self) -> Result<()> {
+        self.human.take()?;
         self.decision.take()?;
         Ok(())
     }
 
-    /// Waits for the planner's decision for this step. There is no bell, so it looks every [`LOOK_NS`].
-    pub fn await_decision(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
+    /// Waits for the human model's belief of the last step and the planner's decision after it. There is no bell, so it
+    /// looks every [`LOOK_NS`].
+    pub fn await_last(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
         loop {
             let deadline = Some(now_ns() + LOOK_NS);
-            match node.wait_step(&mut [&mut self.decision], episode, step, deadline)? {
-                Wake::Deadline => {}
-                wake => return Ok(wake),
+            let wake = match node.wait_step(&mut [&mut self.decision], episode, step, deadline)? {
+                Wake::Message => node.wait_step(&mut [&mut self.human], episode, step - 1, deadline)?,
+                wake => wake,
+            };
+            if wake != Wake::Deadline {
+                return Ok(wake);
             }
         }
     }

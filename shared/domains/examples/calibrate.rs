@@ -7,9 +7,13 @@ use std::sync::Arc;
 
 use domains::highway::episode::run;
 use domains::highway::speech::{displayable, utterances};
-use domains::highway::{Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World};
+use domains::highway::{
+    Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World,
+};
 
 const SEEDS: u64 = 3;
+
+type Result = std::result::Result<(), Box<dyn std::error::Error>>;
 
 #[derive(Default)]
 struct Tally {
@@ -30,10 +34,17 @@ fn interval(hits: u32, rounds: u32) -> (f64, f64) {
 }
 
 fn everything(observation: &Observation, speak: bool) -> Shown {
-    let mut shown = Shown { highlighted: 0b10_0011, ..Shown::default() };
+    let mut shown = Shown {
+        highlighted: 0b10_0011,
+        ..Shown::default()
+    };
     let mut place = 0;
     for (azimuth, object) in observation.object.iter().enumerate() {
-        if displayable(azimuth) && *object >= 0 && place < 16 && !shown.highlighted_objects.contains(object) {
+        if displayable(azimuth)
+            && *object >= 0
+            && place < 16
+            && !shown.highlighted_objects.contains(object)
+        {
             shown.highlighted_objects[place] = *object;
             place += 1;
         }
@@ -44,7 +55,7 @@ fn everything(observation: &Observation, speak: bool) -> Shown {
     shown
 }
 
-fn condition(name: &str, fog: Fog, show: impl Fn(u32, &Observation) -> Shown) -> plain::Result {
+fn condition(name: &str, fog: Fog, show: impl Fn(u32, &Observation) -> Shown) -> Result {
     let scene = Arc::new(Scene::builtin("highway-fog")?);
     let mut world = World::new(Arc::clone(&scene))?;
     let mut tallies: [Tally; 6] = Default::default();
@@ -70,7 +81,10 @@ fn condition(name: &str, fog: Fog, show: impl Fn(u32, &Observation) -> Shown) ->
         }
     }
     let sum = |of: &dyn Fn(&Tally) -> f64| tallies.iter().map(of).sum::<f64>();
-    let (rounds, hits) = (sum(&|t| f64::from(t.rounds)) as u32, sum(&|t| f64::from(t.collisions)) as u32);
+    let (rounds, hits) = (
+        sum(&|t| f64::from(t.rounds)) as u32,
+        sum(&|t| f64::from(t.collisions)) as u32,
+    );
     let (low, high) = interval(hits, rounds);
     println!(
         "{name}: {hits} of {rounds} rounds end in a collision: {:.1} % (95 %: {low:.1} to {high:.1}); \
@@ -94,26 +108,29 @@ fn condition(name: &str, fog: Fog, show: impl Fn(u32, &Observation) -> Shown) ->
     Ok(())
 }
 
-/// An example needs no error crate.
-mod plain {
-    pub type Result = std::result::Result<(), Box<dyn std::error::Error>>;
-}
-
-fn main() -> plain::Result {
+fn main() -> Result {
     let fog = Scene::builtin("highway-fog")?.fog();
     condition("clear weather", Fog::clear(), |_, _| Shown::default())?;
     condition("fog", fog, |_, _| Shown::default())?;
     if std::env::args().any(|argument| argument == "--everything") {
         // As the renderer speaks: one utterance at a time, every 3.5 s (24 steps), the sectors in turn.
-        condition("fog, everything shown, one utterance every 3.5 s", fog, |step, observation| {
-            let mut shown = everything(observation, false);
-            if step % 24 == 0 {
-                let sector = [3, 2, 4, 0, 1, 5][(step / 24 % 6) as usize];
-                shown.utterances[sector] = Some(utterances(observation)[sector]);
-            }
-            shown
-        })?;
-        condition("fog, everything shown and said in every step", fog, |_, observation| everything(observation, true))?;
+        condition(
+            "fog, everything shown, one utterance every 3.5 s",
+            fog,
+            |step, observation| {
+                let mut shown = everything(observation, false);
+                if step % 24 == 0 {
+                    let sector = [3, 2, 4, 0, 1, 5][(step / 24 % 6) as usize];
+                    shown.utterances[sector] = Some(utterances(observation)[sector]);
+                }
+                shown
+            },
+        )?;
+        condition(
+            "fog, everything shown and said in every step",
+            fog,
+            |_, observation| everything(observation, true),
+        )?;
     }
     Ok(())
 }

@@ -32,6 +32,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             reward / f64::from(ROUNDS)
         );
     }
-    println!("{:.1} us a step", start.elapsed().as_secs_f64() * 1e6 / steps as f64);
+    println!(
+        "{:.1} us a step",
+        start.elapsed().as_secs_f64() * 1e6 / steps as f64
+    );
     Ok(())
 }

@@ -35,34 +35,147 @@ fn errors_name_file_line_and_element() {
         ("<x>50.0</x>", "<x>1e300</x>", "x", "out of range"),
         ("<x>50.0</x>", "<x></x>", "x", "is empty"),
         ("<point><x>50.0</x>", "<point>", "point", "<x> is missing"),
-        ("<successor ref=\"2\"/>", "<successor ref=\"1\"/>", "successor", "its own successor"),
-        ("<successor ref=\"2\"/>", "<successor ref=\"two\"/>", "successor", "not a whole number"),
-        ("<successor ref=\"2\"/>", "<successor/>", "successor", "\"ref\" is missing"),
-        ("drivingDir=\"same\"", "drivingDir=\"up\"", "adjacentLeft", "neither same nor opposite"),
-        ("<lanelet id=\"2\">", "<lanelet id=\"1\">", "lanelet", "stands already at line 3"),
-        ("<dynamicObstacle id=\"11\">", "<dynamicObstacle id=\"1\">", "dynamicObstacle", "stands already"),
-        ("<dynamicObstacle id=\"11\">", "<dynamicObstacle id=\"-4\">", "dynamicObstacle", "not between 0"),
-        ("<dynamicObstacle id=\"11\">", "<dynamicObstacle id=\"99999999999\">", "dynamicObstacle", "not between"),
-        ("<length>4.5</length>", "<length>0</length>", "length", "not between 0"),
-        ("<length>4.5</length>", "<length>-1</length>", "length", "not between 0"),
-        ("<rectangle><length>4.5</length>", "<rectangle>", "rectangle", "<length> is missing"),
-        ("<orientation><exact>0.0</exact></orientation>", "", "initialState", "<orientation> is missing"),
-        ("<time><exact>1</exact></time>", "<time><exact>0</exact></time>", "state", "does not follow 0"),
-        ("<time><exact>1</exact></time>", "<time><exact>1.5</exact></time>", "time", "not a time step"),
-        ("<time><exact>1</exact></time>", "<time><exact>1e7</exact></time>", "time", "not a time step"),
-        ("<velocity><exact>10.0</exact>", "<velocity><exact>1000</exact>", "velocity", "out of range"),
-        ("timeStepSize=\"0.1\"", "timeStepSize=\"0\"", "commonRoad", "not between"),
+        (
+            "<successor ref=\"2\"/>",
+            "<successor ref=\"1\"/>",
+            "successor",
+            "its own successor",
+        ),
+        (
+            "<successor ref=\"2\"/>",
+            "<successor ref=\"two\"/>",
+            "successor",
+            "not a whole number",
+        ),
+        (
+            "<successor ref=\"2\"/>",
+            "<successor/>",
+            "successor",
+            "\"ref\" is missing",
+        ),
+        (
+            "drivingDir=\"same\"",
+            "drivingDir=\"up\"",
+            "adjacentLeft",
+            "neither same nor opposite",
+        ),
+        (
+            "<lanelet id=\"2\">",
+            "<lanelet id=\"1\">",
+            "lanelet",
+            "stands already at line 3",
+        ),
+        (
+            "<dynamicObstacle id=\"11\">",
+            "<dynamicObstacle id=\"1\">",
+            "dynamicObstacle",
+            "stands already",
+        ),
+        (
+            "<dynamicObstacle id=\"11\">",
+            "<dynamicObstacle id=\"-4\">",
+            "dynamicObstacle",
+            "not between 0",
+        ),
+        (
+            "<dynamicObstacle id=\"11\">",
+            "<dynamicObstacle id=\"99999999999\">",
+            "dynamicObstacle",
+            "not between",
+        ),
+        (
+            "<length>4.5</length>",
+            "<length>0</length>",
+            "length",
+            "not between 0",
+        ),
+        (
+            "<length>4.5</length>",
+            "<length>-1</length>",
+            "length",
+            "not between 0",
+        ),
+        (
+            "<rectangle><length>4.5</length>",
+            "<rectangle>",
+            "rectangle",
+            "<length> is missing",
+        ),
+        (
+            "<orientation><exact>0.0</exact></orientation>",
+            "",
+            "initialState",
+            "<orientation> is missing",
+        ),
+        (
+            "<time><exact>1</exact></time>",
+            "<time><exact>0</exact></time>",
+            "state",
+            "does not follow 0",
+        ),
+        (
+            "<time><exact>1</exact></time>",
+            "<time><exact>1.5</exact></time>",
+            "time",
+            "not a time step",
+        ),
+        (
+            "<time><exact>1</exact></time>",
+            "<time><exact>1e7</exact></time>",
+            "time",
+            "not a time step",
+        ),
+        (
+            "<velocity><exact>10.0</exact>",
+            "<velocity><exact>1000</exact>",
+            "velocity",
+            "out of range",
+        ),
+        (
+            "timeStepSize=\"0.1\"",
+            "timeStepSize=\"0\"",
+            "commonRoad",
+            "not between",
+        ),
         ("timeStepSize=\"0.1\"", "", "commonRoad", "missing"),
-        ("<trajectory>", "<occupancySet/><trajectory>", "occupancySet", "nothing to replay"),
-        ("<circle>", "<truckShape/><circle>", "truckShape", "not a shape"),
-        ("<intervalStart>5</intervalStart>", "<intervalStart>50</intervalStart>", "time", "is empty"),
-        ("<lanelet ref=\"2\"/>", "<lanelet ref=\"77\"/>", "planningProblem", "lacks"),
-        ("<scenarioTags>", "<teapot/><scenarioTags>", "teapot", "not an element"),
+        (
+            "<trajectory>",
+            "<occupancySet/><trajectory>",
+            "occupancySet",
+            "nothing to replay",
+        ),
+        (
+            "<circle>",
+            "<truckShape/><circle>",
+            "truckShape",
+            "not a shape",
+        ),
+        (
+            "<intervalStart>5</intervalStart>",
+            "<intervalStart>50</intervalStart>",
+            "time",
+            "is empty",
+        ),
+        (
+            "<lanelet ref=\"2\"/>",
+            "<lanelet ref=\"77\"/>",
+            "planningProblem",
+            "lacks",
+        ),
+        (
+            "<scenarioTags>",
+            "<teapot/><scenarioTags>",
+            "teapot",
+            "not an element",
+        ),
     ] {
         let text = changed(from, to);
         let message = refused(&text);
         assert!(message.starts_with("some.xml:"), "{message}");
-        assert!(message.contains(&format!("<{element}>")), "{to:?}: {message}");
+        assert!(
+            message.contains(&format!("<{element}>")),
+            "{to:?}: {message}"
+        );
         assert!(message.contains(said), "{to:?}: {message}");
         let line: usize = message.split(':').nth(1).unwrap().parse().unwrap();
         assert!(line >= 1 && line <= text.lines().count(), "{message}");
@@ -77,23 +190,36 @@ fn zero_length_bounds_are_refused() {
     let from = FIXTURE_2020A.find("<leftBound>").unwrap();
     let to = FIXTURE_2020A.find("</leftBound>").unwrap();
     let point = "<point><x>1</x><y>2</y></point>";
-    let text = format!("{}<leftBound>{point}{point}{}", &FIXTURE_2020A[..from], &FIXTURE_2020A[to..]);
+    let text = format!(
+        "{}<leftBound>{point}{point}{}",
+        &FIXTURE_2020A[..from],
+        &FIXTURE_2020A[to..]
+    );
     let message = refused(&text);
-    assert!(message.contains("<leftBound>") && message.contains("0 m long"), "{message}");
+    assert!(
+        message.contains("<leftBound>") && message.contains("0 m long"),
+        "{message}"
+    );
 }
 
 #[test]
 fn other_versions_are_refused_by_name() {
     for version in ["2017a", "2021a", "", "2020A"] {
         let message = refused(&changed("\"2020a\"", &format!("\"{version}\"")));
-        assert!(message.contains(&format!("{version:?}")) && message.contains("2018b"), "{message}");
+        assert!(
+            message.contains(&format!("{version:?}")) && message.contains("2018b"),
+            "{message}"
+        );
     }
 }
 
 #[test]
 fn a_missing_file_and_other_documents_are_refused() {
     let error = Scenario::read(Path::new("/nowhere/some.xml")).unwrap_err();
-    assert!(matches!(error, CommonRoadError::Io { .. }) && error.to_string().contains("/nowhere/some.xml"));
+    assert!(
+        matches!(error, CommonRoadError::Io { .. })
+            && error.to_string().contains("/nowhere/some.xml")
+    );
     assert!(refused("<svg/>").contains("<svg>"));
     assert!(refused("").contains("some.xml:1"));
     // A document type could define entities that blow up.
@@ -104,7 +230,13 @@ fn a_missing_file_and_other_documents_are_refused() {
 
 #[test]
 fn deep_nesting_does_not_exhaust_the_stack() {
-    let deep = |name: &str, times: usize| format!("{}{}", format!("<{name}>").repeat(times), format!("</{name}>").repeat(times));
+    let deep = |name: &str, times: usize| {
+        format!(
+            "{}{}",
+            format!("<{name}>").repeat(times),
+            format!("</{name}>").repeat(times)
+        )
+    };
     refused(&deep("a", 200_000));
     let group = deep("shapeGroup", 10_000);
     let message = refused(&changed("<circle><radius>1.0</radius></circle>", &group));
@@ -114,7 +246,10 @@ fn deep_nesting_does_not_exhaust_the_stack() {
 #[test]
 fn rings_of_lanelets_end() {
     // 1 → 2 → 1, as in a roundabout: read, and driven to the end of the recording.
-    let text = changed("<predecessor ref=\"1\"/>", "<predecessor ref=\"1\"/><successor ref=\"1\"/>");
+    let text = changed(
+        "<predecessor ref=\"1\"/>",
+        "<predecessor ref=\"1\"/><successor ref=\"1\"/>",
+    );
     run(&Scenario::parse(text.as_bytes(), "ring.xml").unwrap());
 }
 
@@ -124,27 +259,60 @@ fn a_scenario_that_cannot_be_driven_says_why() {
     let without = format!("{}</commonRoad>", &FIXTURE_2020A[..start]);
     let scenario = Scenario::parse(without.as_bytes(), "some.xml").unwrap();
     let message = scenario.course(None).unwrap_err().to_string();
-    assert!(message.contains("some.xml") && message.contains("planningProblem"), "{message}");
+    assert!(
+        message.contains("some.xml") && message.contains("planningProblem"),
+        "{message}"
+    );
     let message = scenario.course(Some(4)).unwrap_err().to_string();
-    assert!(message.contains("no recorded car 4") && message.contains("11"), "{message}");
+    assert!(
+        message.contains("no recorded car 4") && message.contains("11"),
+        "{message}"
+    );
     assert!(scenario.course(Some(11)).is_ok());
+    // The planning problem starts at step 15 or 20; car 13 is there from 4 to 14, car 11 until 20.
+    let problem = FIXTURE_2020A.rfind("<time><exact>0</exact>").unwrap();
+    let later = |step: u32| {
+        let (before, after) = FIXTURE_2020A.split_at(problem);
+        let text = format!("{before}{}", after.replacen(">0<", &format!(">{step}<"), 1));
+        Scenario::parse(text.as_bytes(), "some.xml").unwrap()
+    };
+    let message = later(15).course(Some(13)).unwrap_err().to_string();
+    assert!(message.contains("car 13 is gone"), "{message}");
+    assert!((later(15).course(Some(11)).unwrap().duration_s - 0.5).abs() < 1e-9);
+    let message = later(20).course(None).unwrap_err().to_string();
+    assert!(message.contains("nothing to replay"), "{message}");
 }
 
 /// Drives a scenario to its end where it can be driven.
 fn run(scenario: &Scenario) {
     for seat in [None, scenario.seats().first().copied()] {
-        let Ok(mut scene) = scenario.scene(Some(15.0), seat) else { continue };
+        let Ok(mut scene) = scenario.scene(Some(15.0), seat) else {
+            continue;
+        };
         scene.episode.max_steps = scene.episode.max_steps.min(40);
         let mut world = World::new(Arc::new(scene)).unwrap();
         while world.end() == End::Running {
             world.step([0.5, 0.1]);
-            assert!(world.observation().ego.iter().chain(&world.observation().range).all(|v| v.is_finite()));
+            assert!(
+                world
+                    .observation()
+                    .ego
+                    .iter()
+                    .chain(&world.observation().range)
+                    .all(|v| v.is_finite())
+            );
         }
     }
     for id in scenario.seats().into_iter().take(2) {
         if let Ok(scene) = scenario.scene(None, Some(id)) {
             let found = scenario.recorded_actions(id, &scene).unwrap();
-            assert!(found.actions.iter().flatten().all(|value| value.is_finite()));
+            assert!(
+                found
+                    .actions
+                    .iter()
+                    .flatten()
+                    .all(|value| value.is_finite())
+            );
         }
     }
 }
@@ -171,7 +339,10 @@ fn mutated(original: &[u8], changes: &[(usize, u8)], cut: Option<usize>) -> Vec<
 
 /// Bytes that turn numbers into other numbers and tags into other tags.
 fn telling_byte() -> impl Strategy<Value = u8> {
-    prop_oneof![any::<u8>(), prop::sample::select(b"0123456789.-+eE<>/\"= \nNainf".to_vec())]
+    prop_oneof![
+        any::<u8>(),
+        prop::sample::select(b"0123456789.-+eE<>/\"= \nNainf".to_vec())
+    ]
 }
 
 proptest! {
@@ -217,7 +388,11 @@ fn mutated_recordings_never_panic() {
             prop::collection::vec((any::<usize>(), telling_byte()), 1..4),
             prop::option::weighted(0.3, any::<usize>()),
         );
-        let config = Config { cases: 40, failure_persistence: None, ..Config::default() };
+        let config = Config {
+            cases: 40,
+            failure_persistence: None,
+            ..Config::default()
+        };
         TestRunner::new(config)
             .run(&strategy, |(changes, cut)| {
                 survives(&mutated(&original, &changes, cut));

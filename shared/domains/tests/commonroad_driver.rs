@@ -11,7 +11,10 @@ use std::sync::Arc;
 
 #[test]
 fn a_simulated_driver_runs_to_the_end() {
-    let mut scenarios: Vec<Scenario> = real_files().iter().map(|file| Scenario::read(file).unwrap()).collect();
+    let mut scenarios: Vec<Scenario> = real_files()
+        .iter()
+        .map(|file| Scenario::read(file).unwrap())
+        .collect();
     scenarios.push(Scenario::parse(FIXTURE_2018B.as_bytes(), "2018b").unwrap());
     scenarios.push(Scenario::parse(FIXTURE_2020A.as_bytes(), "2020a").unwrap());
     for scenario in scenarios {

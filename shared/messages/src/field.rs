@@ -59,9 +59,12 @@ impl<T: FieldType, const N: usize> FieldType for [T; N] {
     const ZERO: Self = [T::ZERO; N];
 }
 
+/// A nested structure's ROS 2 type, and its fields.
+type Nested = (&'static str, fn() -> &'static [Field]);
+
 /// Writes the ROS 2 definition of `fields`, and after it those of the structures nested in them.
 pub(crate) fn write_definition(fields: &[Field], out: &mut String) {
-    let mut nested: Vec<(&'static str, fn() -> &'static [Field])> = Vec::new();
+    let mut nested: Vec<Nested> = Vec::new();
     write_fields(fields, out, &mut nested);
     let mut next = 0;
     while next < nested.len() {
@@ -73,11 +76,7 @@ pub(crate) fn write_definition(fields: &[Field], out: &mut String) {
     }
 }
 
-fn write_fields(
-    fields: &[Field],
-    out: &mut String,
-    nested: &mut Vec<(&'static str, fn() -> &'static [Field])>,
-) {
+fn write_fields(fields: &[Field], out: &mut String, nested: &mut Vec<Nested>) {
     for field in fields {
         match field.count {
             Some(count) => out.push_str(&format!("{}[{count}] {}\n", field.element, field.name)),

@@ -348,8 +348,10 @@ message! {
         pub steps: u64,
         /// Deadlines missed.
         pub missed_deadlines: u64,
-        /// Heap allocations in the steady-state loop.
+        /// Heap allocations in the steady-state loop, without those that iceoryx2 makes for loaning messages.
         pub allocations: u64,
+        /// Those that iceoryx2 makes: one for every message loaned.
+        pub transport_allocations: u64,
         /// Digest of what was recorded; from the recorder only.
         pub digest: [u8; 32],
         /// How many of `ports` are filled.

@@ -15,7 +15,11 @@ fn definitions_are_those_on_record() {
             line + 1
         );
     }
-    assert_eq!(recorded.len(), current.len(), "a message was added or removed");
+    assert_eq!(
+        recorded.len(),
+        current.len(),
+        "a message was added or removed"
+    );
 }
 
 /// Bytes of a CDR primitive.
@@ -33,18 +37,33 @@ fn primitive(element: &str) -> usize {
 fn walk(name: &str, fields: &[Field], start: usize) -> usize {
     let mut position = start;
     for field in fields {
-        assert_eq!(position - start, field.offset, "{name}.{}: memory and CDR differ", field.name);
+        assert_eq!(
+            position - start,
+            field.offset,
+            "{name}.{}: memory and CDR differ",
+            field.name
+        );
         for _ in 0..field.count.unwrap_or(1) {
             match field.nested {
                 Some(inner) => position = walk(field.element, inner(), position),
                 None => {
                     let size = primitive(field.element);
-                    assert_eq!(position % size, 0, "{name}.{}: CDR would pad before it", field.name);
+                    assert_eq!(
+                        position % size,
+                        0,
+                        "{name}.{}: CDR would pad before it",
+                        field.name
+                    );
                     position += size;
                 }
             }
         }
-        assert_eq!(position - start, field.offset + field.size, "{name}.{}: size", field.name);
+        assert_eq!(
+            position - start,
+            field.offset + field.size,
+            "{name}.{}: size",
+            field.name
+        );
     }
     position
 }
@@ -53,7 +72,12 @@ fn walk(name: &str, fields: &[Field], start: usize) -> usize {
 fn memory_is_the_cdr_body() {
     let mut checked = 0;
     messages::for_each_message(|message| {
-        assert_eq!(walk(message.type_name, message.fields, 0), message.size, "{}", message.type_name);
+        assert_eq!(
+            walk(message.type_name, message.fields, 0),
+            message.size,
+            "{}",
+            message.type_name
+        );
         checked += 1;
     });
     assert!(checked >= 15, "only {checked} messages were checked");
@@ -63,13 +87,20 @@ fn memory_is_the_cdr_body() {
 fn layouts_tell_apart_what_names_and_sizes_do_not() {
     let mut layouts = std::collections::BTreeMap::new();
     messages::for_each_message(|message| {
-        assert!(message.type_name.starts_with("mirror/"), "{}", message.type_name);
+        assert!(
+            message.type_name.starts_with("mirror/"),
+            "{}",
+            message.type_name
+        );
         if let Some(other) = layouts.insert(message.layout, message.type_name) {
             panic!("{other} and {} have one layout", message.type_name);
         }
     });
     let definition = LidarFrame::definition();
-    let swapped = definition.replace("int32[36] object\nfloat32[36] speed_mps", "float32[36] speed_mps\nint32[36] object");
+    let swapped = definition.replace(
+        "int32[36] object\nfloat32[36] speed_mps",
+        "float32[36] speed_mps\nint32[36] object",
+    );
     assert_ne!(definition, swapped, "the definition has the two fields");
     let hash = |text: &str| layout_hash(&format!("{}\n{text}", LidarFrame::TYPE_NAME));
     assert_eq!(hash(&definition), LidarFrame::layout());
@@ -79,6 +110,11 @@ fn layouts_tell_apart_what_names_and_sizes_do_not() {
 #[test]
 fn zero_is_all_zeros() {
     assert!(messages::Report::ZERO.bytes().iter().all(|byte| *byte == 0));
-    assert!(messages::Display::ZERO.bytes().iter().all(|byte| *byte == 0));
+    assert!(
+        messages::Display::ZERO
+            .bytes()
+            .iter()
+            .all(|byte| *byte == 0)
+    );
     assert_eq!(LidarFrame::ZERO.bytes().len(), size_of::<LidarFrame>());
 }

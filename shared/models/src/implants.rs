@@ -3,7 +3,7 @@
 //! *Perceptual implant*: a threshold per azimuth; what is farther than τ_a is not seen (paper, figure 4).
 //! *Policy implant*: a small residual δ(z^H) on the mean of the policy's Gaussian.
 
-use crate::observation::{AZIMUTHS, BANDS, EGO, RANGE_M, Shape, nearest};
+use crate::observation::{AZIMUTHS, BANDS, EGO, RANGE_M, Shape, nearest, nearest_of_all};
 use crate::policy::ActionDistribution;
 use crate::self_model::SelfModel;
 use nn::{Activation, Mlp, MlpScratch, ParamId, Parameters, Tape, Tensor, Var};
@@ -123,9 +123,9 @@ impl Implants {
 
     /// Writes what a person with these implants sees of one visual column into `mask` (36 entries of 0 or 1).
     pub fn visible(thresholds_m: &[f32; AZIMUTHS], visual: &[f32], mask: &mut [f32]) {
-        for (azimuth, mask) in mask.iter_mut().enumerate() {
-            let range_m = range_of(visual, azimuth);
-            *mask = f32::from(u8::from(range_m <= thresholds_m[azimuth]));
+        let nearest = nearest_of_all(visual);
+        for ((mask, nearest), threshold_m) in mask.iter_mut().zip(nearest).zip(thresholds_m) {
+            *mask = if range_m(nearest) <= *threshold_m { 1.0 } else { 0.0 };
         }
     }
 
@@ -148,7 +148,11 @@ impl Implants {
 
 /// Range in metres of an azimuth's nearest return. Decoders may imagine nearness outside [0, 1].
 pub fn range_of(visual: &[f32], azimuth: usize) -> f32 {
-    RANGE_M * (1.0 - nearest(visual, azimuth).clamp(0.0, 1.0))
+    range_m(nearest(visual, azimuth))
+}
+
+fn range_m(nearness: f32) -> f32 {
+    RANGE_M * (1.0 - nearness.clamp(0.0, 1.0))
 }
 
 /// How softly the straight-through threshold passes gradients, in metres: wide enough that a car several metres beyond

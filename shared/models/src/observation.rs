@@ -38,6 +38,19 @@ pub const fn on_display(azimuth: usize) -> bool {
     azimuth <= 9 || azimuth >= 27
 }
 
+/// The bit of the sector whose highlight shows an azimuth; none behind the display's edge.
+const SHOWN_BY: [u32; AZIMUTHS] = {
+    let mut bits = [0; AZIMUTHS];
+    let mut azimuth = 0;
+    while azimuth < AZIMUTHS {
+        if on_display(azimuth) {
+            bits[azimuth] = 1 << sector_of(azimuth);
+        }
+        azimuth += 1;
+    }
+    bits
+};
+
 /// Sizes of the modalities and of their masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -150,6 +163,18 @@ pub fn nearest(visual: &[f32], azimuth: usize) -> f32 {
     nearest
 }
 
+/// [`nearest`] of every azimuth.
+pub fn nearest_of_all(visual: &[f32]) -> [f32; AZIMUTHS] {
+    let (bands, _) = visual.as_chunks::<AZIMUTHS>();
+    let mut nearest = bands[0];
+    for band in &bands[1..BANDS] {
+        for (nearest, other) in nearest.iter_mut().zip(band) {
+            *nearest = nearest.max(*other);
+        }
+    }
+    nearest
+}
+
 /// The encoder's view of an observation: masked values with their masks beside them.
 #[derive(Clone, Debug)]
 pub struct Encoded {
@@ -186,24 +211,41 @@ impl Encoded {
             visual: n_visual,
             visual_mask: n_visual_mask,
             verbal: n_verbal,
+            verbal_mask: n_verbal_mask,
             ..
         } = self.shape;
         let column = self.rows.column_mut(j);
         let (seen, rest) = column.split_at_mut(n_visual);
         let (seen_mask, rest) = rest.split_at_mut(n_visual_mask);
         let (heard, heard_mask) = rest.split_at_mut(n_verbal);
-        for (i, out) in seen.iter_mut().enumerate() {
-            *out = match visual_group(&self.shape, i) {
-                Some(group) => visual[i] * visual_mask[group],
-                None => visual[i],
-            };
+        let masked = n_visual_mask * BANDS;
+        for (out, x) in seen[..masked]
+            .chunks_exact_mut(n_visual_mask)
+            .zip(visual[..masked].chunks_exact(n_visual_mask))
+        {
+            for ((out, x), mask) in out.iter_mut().zip(x).zip(visual_mask) {
+                *out = through(*mask, *x);
+            }
         }
+        seen[masked..].copy_from_slice(&visual[masked..]);
         seen_mask.copy_from_slice(visual_mask);
-        for (i, out) in heard.iter_mut().enumerate() {
-            *out = verbal[i] * verbal_mask[i / (n_verbal / verbal_mask.len())];
+        let words = n_verbal / n_verbal_mask;
+        for ((out, x), mask) in heard
+            .chunks_exact_mut(words)
+            .zip(verbal.chunks_exact(words))
+            .zip(verbal_mask)
+        {
+            for (out, x) in out.iter_mut().zip(x) {
+                *out = through(*mask, *x);
+            }
         }
         heard_mask.copy_from_slice(verbal_mask);
     }
+}
+
+/// `x` behind a mask; a mask of 0 hides even what is not finite, and the sign of zero.
+fn through(mask: f32, x: f32) -> f32 {
+    if mask == 0.0 { 0.0 } else { x * mask }
 }
 
 /// The mask entry that covers visual feature `i`; none for what is never masked.
@@ -221,13 +263,10 @@ pub fn overlay(
     verbal_mask: &mut [f32],
 ) {
     if communicated.visual_bits() != 0 {
-        for azimuth in 0..AZIMUTHS {
-            if on_display(azimuth)
-                && communicated.visual(sector_of(azimuth))
-                && nearest(visual, azimuth) > EMPTY
-            {
-                visual_mask[azimuth] = 1.0;
-            }
+        let nearest = nearest_of_all(visual);
+        for (azimuth, mask) in visual_mask[..AZIMUTHS].iter_mut().enumerate() {
+            let shown = communicated.0 & SHOWN_BY[azimuth] != 0 && nearest[azimuth] > EMPTY;
+            *mask = if shown { 1.0 } else { *mask };
         }
     }
     for (sector, mask) in verbal_mask.iter_mut().enumerate() {

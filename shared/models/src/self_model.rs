@@ -120,7 +120,8 @@ impl SelfModel {
     pub fn gaussian(tape: &mut Tape, output: Var, n: usize) -> (Var, Var) {
         let mean = tape.rows(output, 0..n);
         let raw = tape.rows(output, n..2 * n);
-        (mean, tape.softplus(raw))
+        let soft = tape.softplus(raw);
+        (mean, tape.clamp(soft, nn::SMALLEST_DEVIATION, f32::MAX))
     }
 
     /// p_θ(z_t | z_{t−1}, a_{t−1}) on a tape.
@@ -363,9 +364,18 @@ pub struct Decoder {
 impl Decoder {
     /// x̂^visual and x̂^verbal of `z` (`latent × batch`).
     pub fn observations(&mut self, model: &SelfModel, z: &Tensor, out: &mut Observations) {
-        let p = &model.parameters;
-        model.visual.infer(p, z, &mut self.scratch, &mut out.visual);
-        model.verbal.infer(p, z, &mut self.scratch, &mut out.verbal);
+        self.visual(model, z, &mut out.visual);
+        self.verbal(model, z, &mut out.verbal);
+    }
+
+    /// x̂^visual of `z`.
+    pub fn visual(&mut self, model: &SelfModel, z: &Tensor, out: &mut Tensor) {
+        model.visual.infer(&model.parameters, z, &mut self.scratch, out);
+    }
+
+    /// x̂^verbal of `z`.
+    pub fn verbal(&mut self, model: &SelfModel, z: &Tensor, out: &mut Tensor) {
+        model.verbal.infer(&model.parameters, z, &mut self.scratch, out);
     }
 
     /// r̂ of `z`, `1 × batch`.

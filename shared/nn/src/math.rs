@@ -29,7 +29,7 @@ fn expm1_core(r: f32) -> f32 {
         .mul_add(r, 8.333_452e-3)
         .mul_add(r, 4.166_579_6e-2)
         .mul_add(r, 1.666_666_5e-1)
-        .mul_add(r, 5.000_000_1e-1);
+        .mul_add(r, 0.5);
     (p * r).mul_add(r, r)
 }
 
@@ -89,7 +89,7 @@ fn ln_core(f: f32, e: f32) -> f32 {
         .mul_add(f, -1.666_805_8e-1)
         .mul_add(f, 2.000_071_5e-1)
         .mul_add(f, -2.499_999_4e-1)
-        .mul_add(f, 3.333_333_1e-1);
+        .mul_add(f, 3.333_333e-1);
     let square = f * f;
     let mut y = f * square * p;
     y = e.mul_add(LN_2_LOW, y);

@@ -38,10 +38,12 @@ fn difference(mut at: impl FnMut(f32) -> f64) -> f64 {
     (4.0 * narrow - wide) / 3.0
 }
 
-fn close(what: &str, found: f32, expected: f64) {
+/// `size`: the largest |weight · output|, whose rounding the differences divide by the step.
+fn close(what: &str, found: f32, expected: f64, size: f64) {
     let error = (f64::from(found) - expected).abs();
+    let rounding = 4.0 * size * f64::from(f32::EPSILON) / f64::from(STEP);
     assert!(
-        error < 2e-3 * expected.abs().max(0.1),
+        error < 1e-3 * expected.abs() + 1e-4 + rounding,
         "{what}: gradient {found}, by differences {expected}"
     );
 }
@@ -52,7 +54,7 @@ fn check(name: &str, p: &mut Parameters, leaves: &mut [Tensor], f: &Build) {
     let mut rng = ChaCha8Rng::seed_from_u64(77);
     let mut arena = Arena::new();
     let mut gradients = Gradients::for_params(p);
-    let (weights, leaf_gradients) = {
+    let (weights, leaf_gradients, size) = {
         let mut tape = Tape::new(p, &mut arena);
         let vars: Vec<Var> = leaves.iter().map(|l| tape.leaf(l)).collect();
         let out = f(&mut tape, &vars);
@@ -68,7 +70,11 @@ fn check(name: &str, p: &mut Parameters, leaves: &mut [Tensor], f: &Build) {
         tape.backward(total, &mut gradients, &|_| true);
         let grads: Vec<Vec<f32>> = vars.iter().map(|&v| tape.grad(v).to_vec()).collect();
         let weights: Vec<f64> = weights.data().iter().map(|w| 1.5 * f64::from(*w)).collect();
-        (weights, grads)
+        let sizes = tape.value(out).iter().zip(&weights);
+        let size = sizes
+            .map(|(y, w)| (f64::from(*y) * w).abs())
+            .fold(0.0, f64::max);
+        (weights, grads, size)
     };
     for l in 0..leaves.len() {
         let length = leaves[l].data().len();
@@ -88,6 +94,7 @@ fn check(name: &str, p: &mut Parameters, leaves: &mut [Tensor], f: &Build) {
                 &format!("{name}, leaf {l}, number {i}"),
                 leaf_gradients[l][i],
                 expected,
+                size,
             );
         }
     }
@@ -100,7 +107,7 @@ fn check(name: &str, p: &mut Parameters, leaves: &mut [Tensor], f: &Build) {
             });
             p.get_mut(id).data_mut()[i] = old;
             let what = format!("{name}, {}, number {i}", p.name(id));
-            close(&what, gradients.get(id).data()[i], expected);
+            close(&what, gradients.get(id).data()[i], expected, size);
         }
     }
 }
@@ -340,11 +347,16 @@ fn threshold_is_hard_forwards_and_smooth_backwards() {
             let (x, m, w) = (f64::from(x), f64::from(m), f64::from(weights.column(j)[i]));
             let slope = w * (smooth(x, m + 1e-5) - smooth(x, m - 1e-5)) / 2e-5;
             expected_limit[i] += slope;
-            close("range", tape.grad(r)[j * 36 + i], -slope);
+            close("range", tape.grad(r)[j * 36 + i], -slope, 0.0);
         }
     }
     for i in 0..36 {
-        close("limit", gradients.get(limit).data()[i], expected_limit[i]);
+        close(
+            "limit",
+            gradients.get(limit).data()[i],
+            expected_limit[i],
+            0.0,
+        );
     }
 }
 

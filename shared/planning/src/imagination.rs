@@ -111,8 +111,12 @@ impl Imagination {
         self.dynamics
             .step(model, &mut self.z, &self.actions, &self.noise);
         if !last {
-            self.decoder
-                .observations(model, &self.z, &mut self.observations);
+            let Observations { visual, verbal } = &mut self.observations;
+            self.decoder.visual(model, &self.z, visual);
+            // What nobody is told need not be imagined: the mask hides what stands there from an earlier step.
+            if communicated.iter().any(|c| c.verbal_bits() != 0) {
+                self.decoder.verbal(model, &self.z, verbal);
+            }
             people.ask(self.group, &self.observations, communicated, stage.seed)?;
         }
         self.decoder.reward(model, &self.z, &mut self.reward);

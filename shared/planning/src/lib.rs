@@ -1,10 +1,12 @@
 //! Deciding what to communicate, by imagining both futures together (paper §III-C).
 
+pub mod assistant;
 pub mod cross_entropy;
 pub mod imagination;
 pub mod people;
 pub mod planner;
 
+pub use assistant::Assistant;
 pub use imagination::{Imagination, Stage};
 pub use people::{ImaginedPeople, LocalPeople, PeopleError};
 pub use planner::{Decision, Planner, Settings};

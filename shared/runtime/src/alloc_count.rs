@@ -5,6 +5,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 
 thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+    static TRANSPORT: Cell<u64> = const { Cell::new(0) };
 }
 
 /// The system's allocator with a counter per thread. The `mirror` program and the processes' tests install it:
@@ -21,6 +22,21 @@ pub struct CountingAllocator;
 /// Allocations (and reallocations) that this thread made so far; stays 0 where [`CountingAllocator`] is not installed.
 pub fn allocations() -> u64 {
     ALLOCATIONS.try_with(Cell::get).unwrap_or(0)
+}
+
+/// Those of [`allocations`] that iceoryx2 made while it loaned messages: one for every loan, which its interface leaves
+/// no way around (`ChunkMutSharedState::new`).
+pub fn transport_allocations() -> u64 {
+    TRANSPORT.try_with(Cell::get).unwrap_or(0)
+}
+
+/// Runs a call of iceoryx2's whose allocations are the transport's, not the process's.
+pub(crate) fn in_transport<T>(call: impl FnOnce() -> T) -> T {
+    let before = allocations();
+    let result = call();
+    let made = allocations() - before;
+    let _ = TRANSPORT.try_with(|counter| counter.set(counter.get() + made));
+    result
 }
 
 fn count() {

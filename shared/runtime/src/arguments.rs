@@ -46,7 +46,12 @@ impl RunArguments {
     ///
     /// # Errors
     /// [`InstanceError::Name`] if the name cannot be one.
-    pub fn new(root: &Path, instance: &str, run_id: u64, clock: ClockMode) -> Result<Self, InstanceError> {
+    pub fn new(
+        root: &Path,
+        instance: &str,
+        run_id: u64,
+        clock: ClockMode,
+    ) -> Result<Self, InstanceError> {
         instance::check_name(instance)?;
         Ok(Self {
             instance: instance.to_owned(),
@@ -76,7 +81,8 @@ impl RunArguments {
     /// # Errors
     /// [`InstanceError::Arguments`] if they are not what JSON can hold.
     pub fn with_options(self, options: &impl Serialize) -> Result<Self, InstanceError> {
-        let options = serde_json::to_value(options).map_err(|source| self.options_error(&source))?;
+        let options =
+            serde_json::to_value(options).map_err(|source| self.options_error(&source))?;
         Ok(Self { options, ..self })
     }
 
@@ -115,15 +121,19 @@ impl RunArguments {
     /// # Errors
     /// [`InstanceError::Arguments`] with the place in the text.
     pub fn from_json(text: &str, origin: &str) -> Result<Self, InstanceError> {
-        let arguments: Self = serde_json::from_str(text).map_err(|source| InstanceError::Arguments {
-            origin: origin.to_owned(),
-            reason: source.to_string(),
-        })?;
+        let arguments: Self =
+            serde_json::from_str(text).map_err(|source| InstanceError::Arguments {
+                origin: origin.to_owned(),
+                reason: source.to_string(),
+            })?;
         instance::check_name(&arguments.instance)?;
         if arguments.process.is_empty() || arguments.process.len() > 16 {
             return Err(InstanceError::Arguments {
                 origin: origin.to_owned(),
-                reason: format!("process name {:?} is not 1 to 16 bytes long", arguments.process),
+                reason: format!(
+                    "process name {:?} is not 1 to 16 bytes long",
+                    arguments.process
+                ),
             });
         }
         Ok(arguments)
@@ -136,7 +146,10 @@ impl RunArguments {
     pub fn write(&self) -> Result<PathBuf, InstanceError> {
         let directory = self.directory();
         let path = directory.join(format!("{}.{}.json", self.process, self.index));
-        let io = |source| InstanceError::Io { path: path.clone(), source };
+        let io = |source| InstanceError::Io {
+            path: path.clone(),
+            source,
+        };
         instance::create_private(&directory).map_err(io)?;
         std::fs::write(&path, self.to_json()).map_err(io)?;
         Ok(path)

@@ -145,7 +145,9 @@ pub enum NodeError {
         source: std::io::Error,
     },
     /// In lockstep, a message for a later step came while an earlier one was awaited: something was lost.
-    #[error("topic `{topic}`: waited for episode {episode} step {step}, got episode {got_episode} step {got_step}")]
+    #[error(
+        "topic `{topic}`: waited for episode {episode} step {step}, got episode {got_episode} step {got_step}"
+    )]
     Overtaken {
         /// The topic.
         topic: &'static str,

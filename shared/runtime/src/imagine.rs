@@ -1,10 +1,11 @@
 //! Imagination across a process border: the planner's questions, the human model's answers.
 //!
-//! iceoryx2 0.10's request-response allocates a loan counter on the heap for every request that a server receives
-//! (`Server::create_active_request`), and the human process's loop shall allocate nothing. So questions and answers are
-//! two topics of one publish-subscribe service each, `human/imagine` and `human/imagine/answer`, without history. A
-//! question names its group and phase, an answer repeats them; several groups may be on their way at once, so that one
-//! process imagines a group's futures while the other thinks about the next group's people.
+//! Questions and answers are two topics, `human/imagine` and `human/imagine/answer`, of a publish-subscribe service each,
+//! without history. iceoryx2 0.10 has a request-response pattern too, but it allocates a counter on the heap for every
+//! request that a server receives (`Server::create_active_request`), cannot be listened to by a third, and would need its
+//! own event service, sequence numbers and loss counts, which topics have. A question names its group and phase, an
+//! answer repeats them; several groups may be on their way at once, so that one process imagines a group's futures while
+//! the other thinks about the next group's people.
 
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, Receive, Source};
@@ -41,7 +42,11 @@ impl RequestClient {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn ask(&mut self, stamp: Stamp, write: impl FnOnce(&mut ImagineRequest)) -> Result<(), PortError> {
+    pub fn ask(
+        &mut self,
+        stamp: Stamp,
+        write: impl FnOnce(&mut ImagineRequest),
+    ) -> Result<(), PortError> {
         let mut question = self.questions.loan_uncleared()?;
         write(&mut question);
         question.send(stamp)?;
@@ -58,7 +63,11 @@ impl RequestClient {
     ///
     /// # Errors
     /// [`NodeError`].
-    pub fn wait_answer(&mut self, node: &mut Node, deadline_ns: Option<u64>) -> Result<Wake, NodeError> {
+    pub fn wait_answer(
+        &mut self,
+        node: &mut Node,
+        deadline_ns: Option<u64>,
+    ) -> Result<Wake, NodeError> {
         let wake = node.wait(&mut [&mut self.answers], deadline_ns)?;
         if wake == Wake::Message && self.answers.take()? {
             self.open = self.open.saturating_sub(1);
@@ -118,7 +127,10 @@ impl RequestServer {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn serve(&mut self, answer: impl FnOnce(&ImagineRequest, &mut ImagineAnswer)) -> Result<bool, PortError> {
+    pub fn serve(
+        &mut self,
+        answer: impl FnOnce(&ImagineRequest, &mut ImagineAnswer),
+    ) -> Result<bool, PortError> {
         if !self.questions.take()? {
             return Ok(false);
         }

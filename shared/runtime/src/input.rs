@@ -1,11 +1,13 @@
 //! The receiving side of a topic: the newest message or every message, with losses counted.
 
 use crate::error::{NodeError, PortError};
-use crate::node::Shared;
+use crate::output::Connect;
 use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
+use crate::shared::Shared;
 use core::cell::Cell;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::FileDescriptorBased;
 use iceoryx2::sample::Sample;
 use messages::{Header, Message};
@@ -88,12 +90,21 @@ pub trait Source {
     fn drain(&mut self);
 }
 
+struct Inbox<M: Message>(Subscriber<Ipc, M, ()>);
+
+impl<M: Message> Connect for Inbox<M> {
+    fn connect(&self) {
+        // What fails here fails again, and is reported, at the next receive.
+        let _ = self.0.update_connections();
+    }
+}
+
 /// The receiving side of a topic. Holds its current message until the next is taken.
 pub struct Input<M: Message> {
     topic: &'static str,
     receive: Receive,
     current: Option<Sample<Ipc, M, ()>>,
-    subscriber: Subscriber<Ipc, M, ()>,
+    subscriber: Rc<Inbox<M>>,
     listener: Option<Listener<Ipc>>,
     counter: Rc<Counter>,
     senders: Vec<Sender>,
@@ -102,7 +113,11 @@ pub struct Input<M: Message> {
 }
 
 impl<M: Message> Input<M> {
-    pub(crate) fn new(shared: &Rc<Shared>, topic: &'static str, options: InputOptions) -> Result<Self, PortError> {
+    pub(crate) fn new(
+        shared: &Rc<Shared>,
+        topic: &'static str,
+        options: InputOptions,
+    ) -> Result<Self, PortError> {
         let create = |reason: String| PortError::Create {
             topic: topic.to_owned(),
             reason,
@@ -122,6 +137,10 @@ impl<M: Message> Input<M> {
             .buffer_size(options.buffer.clamp(sizes.history.max(1), sizes.buffer))
             .create()
             .map_err(|error| create(format!("{error:?}")))?;
+        let subscriber = Rc::new(Inbox(subscriber));
+        let weak: std::rc::Weak<dyn Connect> =
+            Rc::downgrade(&(subscriber.clone() as Rc<dyn Connect>));
+        shared.ports.borrow_mut().push(weak);
         let counter = Rc::new(Counter {
             topic,
             received: Cell::new(0),
@@ -171,6 +190,7 @@ impl<M: Message> Input<M> {
     ///
     /// # Errors
     /// [`PortError::Receive`].
+    #[allow(clippy::should_implement_trait)] // it lends the message, which an iterator cannot
     pub fn next(&mut self) -> Result<Option<&M>, PortError> {
         Ok(if self.take()? { self.message() } else { None })
     }
@@ -186,10 +206,14 @@ impl<M: Message> Input<M> {
     }
 
     fn receive(&mut self) -> Result<Option<Sample<Ipc, M, ()>>, PortError> {
-        let sample = self.subscriber.receive().map_err(|error| PortError::Receive {
-            topic: self.topic,
-            reason: format!("{error:?}"),
-        })?;
+        let sample = self
+            .subscriber
+            .0
+            .receive()
+            .map_err(|error| PortError::Receive {
+                topic: self.topic,
+                reason: format!("{error:?}"),
+            })?;
         if let Some(sample) = &sample {
             self.counter.received.set(self.counter.received.get() + 1);
             if let Some(header) = sample.payload().header() {
@@ -212,10 +236,17 @@ impl<M: Message> Input<M> {
                 if self.senders.len() == self.senders.capacity() {
                     self.senders.remove(0);
                 }
-                self.senders.push(Sender { id, next: sequence + 1 });
+                self.senders.push(Sender {
+                    id,
+                    next: sequence + 1,
+                });
                 // Who was there before the run started should have seen everything; a latecomer starts in the middle.
                 let start = self.shared.start_ns.get();
-                if start != 0 && self.created_ns < start { sequence } else { 0 }
+                if start != 0 && self.created_ns < start {
+                    sequence
+                } else {
+                    0
+                }
             }
         };
         self.counter.lost.set(self.counter.lost.get() + lost);
@@ -232,10 +263,13 @@ impl<M: Message> Source for Input<M> {
     }
 
     fn pending(&mut self) -> Result<bool, PortError> {
-        self.subscriber.has_samples().map_err(|error| PortError::Receive {
-            topic: self.topic,
-            reason: format!("{error:?}"),
-        })
+        self.subscriber
+            .0
+            .has_samples()
+            .map_err(|error| PortError::Receive {
+                topic: self.topic,
+                reason: format!("{error:?}"),
+            })
     }
 
     fn advance_to(&mut self, episode: u32, step: u32) -> Result<bool, NodeError> {

@@ -2,14 +2,16 @@
 //!
 //! An instance lives in `<root>/<name>/` (iceoryx2's nodes, services and sockets, and the arguments of its processes), in
 //! files of `/dev/shm` that start with a prefix derived from root and name (the messages), and in `<root>/<name>.lock`,
-//! which its launcher holds locked with `flock`: the kernel releases it however the launcher ends. The lock file itself
+//! which its launcher holds locked: the kernel releases it however the launcher ends. The lock file itself
 //! stays. The usual root is `/tmp/mirror-<uid>`.
 
 use crate::error::InstanceError;
 use crate::service::Ipc;
 use iceoryx2::config::Config;
 use iceoryx2::node::{NodeState, NodeView};
-use iceoryx2::prelude::{CallbackProgression, FileName, LogLevel, Path as IoxPath, SemanticString, set_log_level};
+use iceoryx2::prelude::{
+    CallbackProgression, FileName, LogLevel, Path as IoxPath, SemanticString, set_log_level,
+};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
 use std::os::fd::AsRawFd;
@@ -29,11 +31,15 @@ pub fn default_root() -> PathBuf {
 
 pub(crate) fn check_name(name: &str) -> Result<(), InstanceError> {
     let fits = (1..=32).contains(&name.len())
-        && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_');
+        && name
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_');
     if fits {
         Ok(())
     } else {
-        Err(InstanceError::Name { name: name.to_owned() })
+        Err(InstanceError::Name {
+            name: name.to_owned(),
+        })
     }
 }
 
@@ -47,7 +53,10 @@ fn lock_path(root: &Path, instance: &str) -> PathBuf {
 }
 
 pub(crate) fn create_private(directory: &Path) -> std::io::Result<()> {
-    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)
+    std::fs::DirBuilder::new()
+        .recursive(true)
+        .mode(0o700)
+        .create(directory)
 }
 
 /// The start of all of an instance's file names in shared memory.
@@ -76,7 +85,8 @@ pub(crate) fn config(root: &Path, instance: &str) -> Result<Config, InstanceErro
     let mut config = Config::default();
     let path = IoxPath::new(text.as_bytes()).map_err(|error| bad(&format!("{error:?}")))?;
     config.global.set_root_path(&path);
-    config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|error| bad(&format!("{error:?}")))?;
+    config.global.prefix =
+        FileName::new(prefix.as_bytes()).map_err(|error| bad(&format!("{error:?}")))?;
     // The launcher cleans up, at moments of its own choosing: a scan costs milliseconds.
     config.global.node.cleanup_dead_nodes_on_creation = false;
     config.global.node.cleanup_dead_nodes_on_destruction = false;
@@ -84,11 +94,24 @@ pub(crate) fn config(root: &Path, instance: &str) -> Result<Config, InstanceErro
     Ok(config)
 }
 
-/// Whether a launcher holds the instance.
+/// A write lock on a whole file that belongs to the open file, not to the process, and goes with it.
+fn whole_file_lock() -> libc::flock {
+    // SAFETY: a plain C structure for which all zeros is a value.
+    let mut lock: libc::flock = unsafe { core::mem::zeroed() };
+    lock.l_type = libc::F_WRLCK as libc::c_short;
+    lock.l_whence = libc::SEEK_SET as libc::c_short;
+    lock
+}
+
+/// Whether a launcher holds the instance. Asking takes no lock itself, so it disturbs nobody who wants it.
 pub(crate) fn is_locked(root: &Path, instance: &str) -> bool {
     match File::open(lock_path(root, instance)) {
-        // SAFETY: a plain system call on a live descriptor; the lock, if we got it, goes with the file.
-        Ok(file) => unsafe { libc::flock(file.as_raw_fd(), libc::LOCK_SH | libc::LOCK_NB) != 0 },
+        Ok(file) => {
+            let mut lock = whole_file_lock();
+            // SAFETY: a live descriptor and a live structure.
+            let asked = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_GETLK, &mut lock) };
+            asked == 0 && lock.l_type != libc::F_UNLCK as libc::c_short
+        }
         Err(_) => false,
     }
 }
@@ -123,7 +146,10 @@ impl InstanceLock {
         check_name(instance)?;
         config(root, instance)?;
         let path = lock_path(root, instance);
-        let io = |source| InstanceError::Io { path: path.clone(), source };
+        let io = |source| InstanceError::Io {
+            path: path.clone(),
+            source,
+        };
         create_private(root).map_err(io)?;
         let mut file = OpenOptions::new()
             .read(true)
@@ -133,8 +159,8 @@ impl InstanceLock {
             .mode(0o600)
             .open(&path)
             .map_err(io)?;
-        // SAFETY: a plain system call on a live descriptor.
-        if unsafe { libc::flock(file.as_raw_fd(), libc::LOCK_EX | libc::LOCK_NB) } != 0 {
+        // SAFETY: a live descriptor and a live structure.
+        if unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &whole_file_lock()) } != 0 {
             let source = std::io::Error::last_os_error();
             if source.kind() != std::io::ErrorKind::WouldBlock {
                 return Err(io(source));
@@ -174,7 +200,9 @@ impl Drop for InstanceLock {
     fn drop(&mut self) {
         // With processes still alive in it, the next `acquire` or `cleanup_dead` finishes the work.
         if let Ok(nodes) = nodes(&self.root, &self.instance)
-            && !nodes.iter().any(|node| node.alive && node.pid != std::process::id())
+            && !nodes
+                .iter()
+                .any(|node| node.alive && node.pid != std::process::id())
         {
             let _ = remove_everything(&self.root, &self.instance);
         }
@@ -204,8 +232,13 @@ pub fn nodes(root: &Path, instance: &str) -> Result<Vec<NodeEntry>, InstanceErro
     }
     let mut entry = |details: &Option<iceoryx2::node::NodeDetails>, alive| {
         found.push(NodeEntry {
-            process: details.as_ref().map(|details| details.name().to_string()).unwrap_or_default(),
-            pid: details.as_ref().map_or(0, |details| details.process_id().value() as u32),
+            process: details
+                .as_ref()
+                .map(|details| details.name().to_string())
+                .unwrap_or_default(),
+            pid: details
+                .as_ref()
+                .map_or(0, |details| details.process_id().value() as u32),
             alive,
         });
     };
@@ -232,7 +265,11 @@ fn wait_for_end(pid: u32, patience: Duration) -> bool {
         if descriptor < 0 {
             return true;
         }
-        let mut poll = libc::pollfd { fd: descriptor, events: libc::POLLIN, revents: 0 };
+        let mut poll = libc::pollfd {
+            fd: descriptor,
+            events: libc::POLLIN,
+            revents: 0,
+        };
         let ended = libc::poll(&mut poll, 1, patience.as_millis() as i32) > 0;
         libc::close(descriptor);
         ended
@@ -356,7 +393,12 @@ pub fn list_instances(root: &Path) -> Result<Vec<InstanceState>, InstanceError> 
     let entries = match std::fs::read_dir(root) {
         Ok(entries) => entries,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(InstanceError::Io { path: root.to_owned(), source }),
+        Err(source) => {
+            return Err(InstanceError::Io {
+                path: root.to_owned(),
+                source,
+            });
+        }
     };
     for entry in entries.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
@@ -374,7 +416,12 @@ pub fn list_instances(root: &Path) -> Result<Vec<InstanceState>, InstanceError> 
         let nodes = nodes(root, &instance)?;
         let shared_files = shared_files(root, &instance).len();
         if launcher.is_some() || !nodes.is_empty() || shared_files > 0 {
-            states.push(InstanceState { instance, launcher, nodes, shared_files });
+            states.push(InstanceState {
+                instance,
+                launcher,
+                nodes,
+                shared_files,
+            });
         }
     }
     Ok(states)

@@ -5,9 +5,10 @@ use crate::clock::now_ns;
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
-use crate::node::{Poll, Shared};
 use crate::output::{Output, Stamp};
+use crate::poll::Poll;
 use crate::service::{open_bell, open_topic};
+use crate::shared::Shared;
 use crate::signal;
 use messages::{Control, Message, Report, topic};
 use std::any::Any;
@@ -71,7 +72,11 @@ impl Launcher {
     ///
     /// # Errors
     /// As [`Node::input_with`](crate::Node::input_with).
-    pub fn input_with<M: Message>(&self, topic: &'static str, options: InputOptions) -> Result<Input<M>, PortError> {
+    pub fn input_with<M: Message>(
+        &self,
+        topic: &'static str,
+        options: InputOptions,
+    ) -> Result<Input<M>, PortError> {
         Input::new(&self.shared, topic, options)
     }
 
@@ -80,7 +85,11 @@ impl Launcher {
     ///
     /// # Errors
     /// [`NodeError`].
-    pub fn wait(&mut self, children: &[RawFd], deadline_ns: Option<u64>) -> Result<LauncherWake, NodeError> {
+    pub fn wait(
+        &mut self,
+        children: &[RawFd],
+        deadline_ns: Option<u64>,
+    ) -> Result<LauncherWake, NodeError> {
         loop {
             if signal::stop_requested() {
                 return Ok(LauncherWake::Stop);
@@ -127,9 +136,16 @@ impl Launcher {
     /// # Errors
     /// [`NodeError::NotReady`] at the deadline, when a child ends, or on a signal; [`NodeError::ProcessFailed`] when one
     /// says so.
-    pub fn wait_ready(&mut self, processes: &[&str], children: &[RawFd], deadline_ns: u64) -> Result<(), NodeError> {
+    pub fn wait_ready(
+        &mut self,
+        processes: &[&str],
+        children: &[RawFd],
+        deadline_ns: u64,
+    ) -> Result<(), NodeError> {
         let mut missing: Vec<&str> = processes.to_vec();
-        let not_ready = |missing: &[&str]| NodeError::NotReady { missing: missing.join(", ") };
+        let not_ready = |missing: &[&str]| NodeError::NotReady {
+            missing: missing.join(", "),
+        };
         while !missing.is_empty() {
             match self.wait(children, Some(deadline_ns))? {
                 LauncherWake::Report => {
@@ -139,13 +155,20 @@ impl Launcher {
                             continue;
                         }
                         if report.state == 4 {
-                            return Err(NodeError::ProcessFailed { process, text: text_of(&report.text) });
+                            return Err(NodeError::ProcessFailed {
+                                process,
+                                text: text_of(&report.text),
+                            });
                         }
                         missing.retain(|name| *name != process);
                     }
                 }
                 LauncherWake::Child(child) => {
-                    return Err(not_ready(&processes.get(child).map_or(missing.clone(), |name| vec![*name])));
+                    return Err(not_ready(
+                        &processes
+                            .get(child)
+                            .map_or(missing.clone(), |name| vec![*name]),
+                    ));
                 }
                 LauncherWake::Deadline | LauncherWake::Stop => return Err(not_ready(&missing)),
             }
@@ -194,8 +217,18 @@ impl Launcher {
         self.command(4, u32::MAX, 0, 0)
     }
 
-    fn command(&mut self, command: u32, process: u32, step: u32, argument: u64) -> Result<(), PortError> {
-        let stamp = Stamp { episode: 0, step, cause_ns: 0 };
+    fn command(
+        &mut self,
+        command: u32,
+        process: u32,
+        step: u32,
+        argument: u64,
+    ) -> Result<(), PortError> {
+        let stamp = Stamp {
+            episode: 0,
+            step,
+            cause_ns: 0,
+        };
         self.control.send_with(stamp, |control| {
             control.command = command;
             control.process = process;
@@ -208,7 +241,10 @@ impl Launcher {
     /// # Errors
     /// [`NodeError::Instance`].
     pub fn clean(&self) -> Result<CleanupReport, NodeError> {
-        Ok(instance::clean_nodes(&self.arguments.root, &self.arguments.instance)?)
+        Ok(instance::clean_nodes(
+            &self.arguments.root,
+            &self.arguments.instance,
+        )?)
     }
 }
 
@@ -233,12 +269,19 @@ pub fn process_descriptor(pid: u32) -> Result<std::os::fd::OwnedFd, NodeError> {
 
 /// Zero-padded text of a message's field.
 pub fn text_of(bytes: &[u8]) -> String {
-    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    let end = bytes
+        .iter()
+        .position(|byte| *byte == 0)
+        .unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
 fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
-    fn open<M: Message>(shared: &Rc<Shared>, topic: &str, kept: &mut Vec<Box<dyn Any>>) -> Result<(), PortError> {
+    fn open<M: Message>(
+        shared: &Rc<Shared>,
+        topic: &str,
+        kept: &mut Vec<Box<dyn Any>>,
+    ) -> Result<(), PortError> {
         kept.push(Box::new(open_topic::<M>(&shared.node, topic)?));
         kept.push(Box::new(open_bell(&shared.node, topic)?));
         Ok(())

@@ -5,10 +5,12 @@
 //! own directory below the root and its own prefix for shared memory (see [`instance`]).
 //!
 //! What allocates, measured with [`CountingAllocator`] and read in iceoryx2 0.10's source: making nodes, services and
-//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning, sending,
-//! notifying, receiving and releasing do not, and neither does [`Node::wait`], which calls `poll(2)` on the listeners'
-//! descriptors because iceoryx2's own wait set collects what woke it in a fresh vector each time. iceoryx2's
-//! request-response allocates a counter for every request received; see [`RequestServer`] for what we use instead.
+//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning a message makes
+//! one small allocation inside iceoryx2 each time (a reference counter; its interface leaves no way around): these are
+//! counted apart ([`alloc_count::transport_allocations`]). Sending, notifying, receiving and releasing make none, and
+//! neither does [`Node::wait`], which calls `poll(2)` on the listeners' descriptors because iceoryx2's own wait set
+//! collects what woke it in a fresh vector each time. Its request-response allocates once more for every request received;
+//! see [`RequestServer`] for what is used instead.
 
 pub mod alloc_count;
 mod arguments;
@@ -16,12 +18,15 @@ pub mod clock;
 mod digest;
 mod error;
 mod imagine;
+mod input;
 pub mod instance;
 mod launcher;
 mod node;
 mod output;
-mod input;
+mod poll;
+mod report;
 mod service;
+mod shared;
 mod signal;
 mod timing;
 

@@ -1,20 +1,19 @@
 //! A process's place in a run: it makes the ports, waits for messages, and reports to the launcher.
 
-use crate::alloc_count::allocations;
+use crate::alloc_count::{allocations, transport_allocations};
 use crate::arguments::RunArguments;
 use crate::clock::{Ticker, now_ns};
 use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
-use crate::input::{Counter, Input, InputOptions, Receive, Source};
-use crate::output::{Connect, Output, Stamp};
-use crate::service::Ipc;
+use crate::input::{Input, InputOptions, Receive, Source};
+use crate::output::Output;
+use crate::poll::Poll;
+use crate::shared::Shared;
+use crate::signal;
 use crate::timing::StageTimer;
-use crate::{instance, signal};
-use core::cell::{Cell, RefCell};
-use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
 use messages::{Control, Message, Report, topic};
 use std::os::fd::RawFd;
-use std::rc::{Rc, Weak};
+use std::rc::Rc;
 
 /// Steps after which the loop counts as steady: connections stand and buffers have their sizes.
 const WARM_UP_STEPS: u64 = 10;
@@ -32,144 +31,23 @@ pub enum Wake {
     Stop,
 }
 
-/// What a node and its ports have in common.
-pub(crate) struct Shared {
-    pub(crate) node: iceoryx2::node::Node<Ipc>,
-    pub(crate) run_id: u64,
-    /// When the launcher started the run; 0 before.
-    pub(crate) start_ns: Cell<u64>,
-    /// When the last wait ended.
-    wake_ns: Cell<u64>,
-    /// What this step computed before its last wait.
-    banked_ns: Cell<u64>,
-    pub(crate) outputs: RefCell<Vec<Weak<dyn Connect>>>,
-    pub(crate) counters: RefCell<Vec<Rc<Counter>>>,
-}
-
-impl Shared {
-    pub(crate) fn open(arguments: &RunArguments) -> Result<Rc<Self>, NodeError> {
-        signal::install()?;
-        let failed = |reason: String| NodeError::Join {
-            instance: arguments.instance.clone(),
-            process: arguments.process.clone(),
-            reason,
-        };
-        let config = instance::config(&arguments.root, &arguments.instance)?;
-        let name = NodeName::new(&arguments.process).map_err(|error| failed(format!("{error:?}")))?;
-        let node = NodeBuilder::new()
-            .name(&name)
-            .config(&config)
-            // Signals are ours; see `signal`.
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<Ipc>()
-            .map_err(|error| failed(format!("{error:?}")))?;
-        Ok(Rc::new(Self {
-            node,
-            run_id: arguments.run_id,
-            start_ns: Cell::new(0),
-            wake_ns: Cell::new(now_ns()),
-            banked_ns: Cell::new(0),
-            outputs: RefCell::new(Vec::new()),
-            counters: RefCell::new(Vec::new()),
-        }))
-    }
-
-    /// What this step computed until `now`, without waiting.
-    pub(crate) fn computed_ns(&self, now: u64) -> u64 {
-        self.banked_ns.get() + now.saturating_sub(self.wake_ns.get())
-    }
-
-    pub(crate) fn fall_asleep(&self) {
-        self.banked_ns.set(self.computed_ns(now_ns()));
-    }
-
-    pub(crate) fn wake_up(&self) {
-        self.wake_ns.set(now_ns());
-    }
-
-    fn begin_step(&self, now: u64) {
-        self.banked_ns.set(0);
-        self.wake_ns.set(now);
-    }
-
-    /// Connects the outputs to inputs that were made since.
-    pub(crate) fn connect(&self) {
-        for output in self.outputs.borrow().iter() {
-            if let Some(output) = output.upgrade() {
-                output.connect();
-            }
-        }
-    }
-}
-
-/// A set of descriptors to poll. Filling and polling it allocates nothing once it has been as large before.
-pub(crate) struct Poll {
-    descriptors: Vec<libc::pollfd>,
-}
-
-impl Poll {
-    pub(crate) fn new() -> Self {
-        Self { descriptors: Vec::with_capacity(64) }
-    }
-
-    pub(crate) fn clear(&mut self) {
-        self.descriptors.clear();
-    }
-
-    /// Adds a descriptor; a negative one keeps its place and is never ready.
-    pub(crate) fn add(&mut self, fd: RawFd) {
-        self.descriptors.push(libc::pollfd { fd, events: libc::POLLIN, revents: 0 });
-    }
-
-    pub(crate) fn is_ready(&self, index: usize) -> bool {
-        self.descriptors[index].revents != 0
-    }
-
-    /// Blocks until a descriptor is ready or the time has come.
-    pub(crate) fn wait(&mut self, timeout_ns: u64) -> Result<(), NodeError> {
-        let timeout = libc::timespec {
-            tv_sec: (timeout_ns / 1_000_000_000) as libc::time_t,
-            tv_nsec: (timeout_ns % 1_000_000_000) as libc::c_long,
-        };
-        // SAFETY: a live array of the stated length, a live timespec, no signal mask.
-        let ready = unsafe {
-            libc::ppoll(
-                self.descriptors.as_mut_ptr(),
-                self.descriptors.len() as libc::nfds_t,
-                &timeout,
-                core::ptr::null(),
-            )
-        };
-        if ready < 0 {
-            let source = std::io::Error::last_os_error();
-            if source.kind() != std::io::ErrorKind::Interrupted {
-                return Err(NodeError::System { call: "ppoll", source });
-            }
-            for descriptor in &mut self.descriptors {
-                descriptor.revents = 0;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// A process's node.
 pub struct Node {
-    report: Output<Report>,
+    pub(crate) report: Output<Report>,
     control: Input<Control>,
-    shared: Rc<Shared>,
-    arguments: RunArguments,
+    pub(crate) shared: Rc<Shared>,
+    pub(crate) arguments: RunArguments,
     launcher: RawFd,
     poll: Poll,
-    timer: StageTimer,
-    steps: u64,
-    missed: u64,
-    allocations: u64,
-    allocations_before: u64,
+    pub(crate) timer: StageTimer,
+    pub(crate) steps: u64,
+    pub(crate) missed: u64,
+    pub(crate) allocations: [u64; 2],
+    allocations_before: [u64; 2],
     started: bool,
     stopped: bool,
     take_over: Option<u32>,
-    digest: [u8; 32],
+    pub(crate) digest: [u8; 32],
 }
 
 impl Node {
@@ -199,8 +77,8 @@ impl Node {
             timer: StageTimer::new(),
             steps: 0,
             missed: 0,
-            allocations: 0,
-            allocations_before: 0,
+            allocations: [0; 2],
+            allocations_before: [0; 2],
             started: false,
             stopped: false,
             take_over: None,
@@ -226,7 +104,11 @@ impl Node {
     ///
     /// # Errors
     /// As [`Node::output`].
-    pub fn input<M: Message>(&self, topic: &'static str, receive: Receive) -> Result<Input<M>, PortError> {
+    pub fn input<M: Message>(
+        &self,
+        topic: &'static str,
+        receive: Receive,
+    ) -> Result<Input<M>, PortError> {
         Input::new(&self.shared, topic, InputOptions::new(receive))
     }
 
@@ -234,7 +116,11 @@ impl Node {
     ///
     /// # Errors
     /// As [`Node::output`].
-    pub fn input_with<M: Message>(&self, topic: &'static str, options: InputOptions) -> Result<Input<M>, PortError> {
+    pub fn input_with<M: Message>(
+        &self,
+        topic: &'static str,
+        options: InputOptions,
+    ) -> Result<Input<M>, PortError> {
         Input::new(&self.shared, topic, options)
     }
 
@@ -269,8 +155,14 @@ impl Node {
         }
         self.shared.connect();
         self.shared.begin_step(now_ns());
-        self.allocations_before = allocations();
+        self.allocations_before = allocations_now();
         Ok(Wake::Message)
+    }
+
+    /// Connects this process's ports to those that others made since. [`Node::ready`], sends, receives and long waits do
+    /// it anyway.
+    pub fn connect(&self) {
+        self.shared.connect();
     }
 
     /// Whether the process shall end.
@@ -287,7 +179,11 @@ impl Node {
     ///
     /// # Errors
     /// [`NodeError::Port`], [`NodeError::System`].
-    pub fn wait(&mut self, sources: &mut [&mut dyn Source], deadline_ns: Option<u64>) -> Result<Wake, NodeError> {
+    pub fn wait(
+        &mut self,
+        sources: &mut [&mut dyn Source],
+        deadline_ns: Option<u64>,
+    ) -> Result<Wake, NodeError> {
         self.wait_until(sources, deadline_ns, |sources| {
             for source in sources.iter_mut() {
                 if source.pending()? {
@@ -370,7 +266,12 @@ impl Node {
         Ok(wake)
     }
 
-    fn block(&mut self, sources: &mut [&mut dyn Source], deadline_ns: Option<u64>, now: u64) -> Result<(), NodeError> {
+    fn block(
+        &mut self,
+        sources: &mut [&mut dyn Source],
+        deadline_ns: Option<u64>,
+        now: u64,
+    ) -> Result<(), NodeError> {
         self.poll.clear();
         self.poll.add(signal::stop_descriptor());
         self.poll.add(self.launcher);
@@ -403,10 +304,15 @@ impl Node {
 
     fn serve_control(&mut self) -> Result<(), NodeError> {
         while self.control.take()? {
-            let Some(control) = self.control.message() else { break };
-            let (command, process, run_id) = (control.command, control.process, control.header.run_id);
+            let Some(control) = self.control.message() else {
+                break;
+            };
+            let (command, process, run_id) =
+                (control.command, control.process, control.header.run_id);
             let (step, sent_ns) = (control.header.step, control.header.sent_ns);
-            if run_id != self.shared.run_id || (process != u32::MAX && process != self.arguments.index) {
+            if run_id != self.shared.run_id
+                || (process != u32::MAX && process != self.arguments.index)
+            {
                 continue;
             }
             match command {
@@ -433,11 +339,13 @@ impl Node {
         self.timer.record(self.shared.computed_ns(now));
         self.shared.begin_step(now);
         self.steps += 1;
-        let allocations_now = allocations();
+        let allocations = allocations_now();
         if self.steps > WARM_UP_STEPS {
-            self.allocations += allocations_now - self.allocations_before;
+            for kind in 0..2 {
+                self.allocations[kind] += allocations[kind] - self.allocations_before[kind];
+            }
         }
-        self.allocations_before = allocations_now;
+        self.allocations_before = allocations;
     }
 
     /// Steps ended so far.
@@ -450,72 +358,10 @@ impl Node {
         self.missed += missed;
     }
 
-    /// Heap allocations of this thread since the loop became steady (ten steps); needs
-    /// [`CountingAllocator`](crate::CountingAllocator).
+    /// Heap allocations of this thread since the loop became steady (ten steps), without the one that iceoryx2 makes for
+    /// every message it loans; needs [`CountingAllocator`](crate::CountingAllocator).
     pub fn steady_allocations(&self) -> u64 {
-        self.allocations
-    }
-
-    /// The histogram of compute times.
-    pub fn timer(&self) -> &StageTimer {
-        &self.timer
-    }
-
-    /// Messages lost at this process's inputs, by topic.
-    pub fn lost(&self) -> Vec<(&'static str, u64)> {
-        let counters = self.shared.counters.borrow();
-        counters.iter().map(|counter| (counter.topic, counter.lost.get())).collect()
-    }
-
-    /// Puts a digest ([`Digest`](crate::Digest)) into the reports to come: for the recorder.
-    pub fn set_digest(&mut self, digest: [u8; 32]) {
-        self.digest = digest;
-    }
-
-    /// Sends the last report, of a run that ended well.
-    ///
-    /// # Errors
-    /// [`PortError`].
-    pub fn finish(&mut self) -> Result<(), PortError> {
-        self.send_report(3, "")
-    }
-
-    /// Tells the launcher why the process cannot go on, in at most 256 bytes.
-    ///
-    /// # Errors
-    /// [`PortError`].
-    pub fn fail(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(4, text)
-    }
-
-    /// Sends a report with a line for people.
-    ///
-    /// # Errors
-    /// [`PortError`].
-    pub fn say(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(2, text)
-    }
-
-    fn send_report(&self, state: u32, text: &str) -> Result<(), PortError> {
-        let counters = self.shared.counters.borrow();
-        self.report.send_with(Stamp::default(), |report| {
-            copy_text(&mut report.process, &self.arguments.process);
-            copy_text(&mut report.text, text);
-            report.compute_ns = self.timer.summary_ns();
-            report.steps = self.steps;
-            report.missed_deadlines = self.missed;
-            report.allocations = self.allocations;
-            report.digest = self.digest;
-            report.pid = std::process::id();
-            report.state = state;
-            report.index = self.arguments.index;
-            for (port, counter) in report.ports.iter_mut().zip(counters.iter()) {
-                copy_text(&mut port.topic, counter.topic);
-                port.received = counter.received.get();
-                port.lost = counter.lost.get();
-            }
-            report.port_count = counters.len().min(report.ports.len()) as u32;
-        })
+        self.allocations[0]
     }
 }
 
@@ -528,12 +374,8 @@ impl Drop for Node {
     }
 }
 
-/// Copies as much of `text` as fits, to a character's border, and fills up with zeros.
-fn copy_text(bytes: &mut [u8], text: &str) {
-    let mut end = text.len().min(bytes.len());
-    while !text.is_char_boundary(end) {
-        end -= 1;
-    }
-    bytes.fill(0);
-    bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
+/// This thread's allocations: the process's own, iceoryx2's.
+fn allocations_now() -> [u64; 2] {
+    let transport = transport_allocations();
+    [allocations() - transport, transport]
 }

@@ -1,9 +1,10 @@
 //! The sending side of a topic: loan, write in place, send.
 
+use crate::alloc_count::in_transport;
 use crate::clock::now_ns;
 use crate::error::PortError;
-use crate::node::Shared;
 use crate::service::{Ipc, Sizes, open_bell, open_topic};
+use crate::shared::Shared;
 use core::cell::Cell;
 use core::mem::MaybeUninit;
 use core::ops::{Deref, DerefMut};
@@ -99,9 +100,12 @@ impl<M: Message> Output<M> {
             .default_event_id(EventId::new(0))
             .create()
             .map_err(|error| create(format!("{error:?}")))?;
-        let core = Rc::new(Core { publisher, notifier });
+        let core = Rc::new(Core {
+            publisher,
+            notifier,
+        });
         let weak: std::rc::Weak<dyn Connect> = Rc::downgrade(&(core.clone() as Rc<dyn Connect>));
-        shared.outputs.borrow_mut().push(weak);
+        shared.ports.borrow_mut().push(weak);
         Ok(Self {
             topic,
             core,
@@ -137,15 +141,20 @@ impl<M: Message> Output<M> {
     /// # Errors
     /// [`PortError::Loan`] when stalled receivers hold all memory.
     pub fn loan_uncleared(&self) -> Result<Loan<'_, M>, PortError> {
-        let sample = self.core.publisher.loan_uninit().map_err(|error| PortError::Loan {
-            topic: self.topic,
-            reason: format!("{error:?}"),
+        let sample = in_transport(|| self.core.publisher.loan_uninit()).map_err(|error| {
+            PortError::Loan {
+                topic: self.topic,
+                reason: format!("{error:?}"),
+            }
         })?;
         let sample: iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, MaybeUninit<M>, ()> = sample;
         // SAFETY: iceoryx2 zeroes a segment when it makes it, and only messages are written to it later; for plain
         // numbers every bit pattern is a value.
         let sample = unsafe { sample.assume_init() };
-        Ok(Loan { output: self, sample })
+        Ok(Loan {
+            output: self,
+            sample,
+        })
     }
 
     /// Loans, lets `write` fill in the message (all zeros before), and sends it.
@@ -194,7 +203,9 @@ impl<M: Message> Loan<'_, M> {
             topic: output.topic,
             reason,
         };
-        self.sample.send().map_err(|error| failed(format!("{error:?}")))?;
+        self.sample
+            .send()
+            .map_err(|error| failed(format!("{error:?}")))?;
         output
             .core
             .notifier

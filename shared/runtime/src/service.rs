@@ -37,14 +37,35 @@ pub(crate) struct Sizes {
 impl Sizes {
     pub(crate) fn of<M: Message>(topic: &str) -> Self {
         if size_of::<M>() >= BULK_BYTES {
-            Self { buffer: 4, subscribers: 2, publishers: 4, borrowed: 2, history: 0, slots: 14 }
+            Self {
+                buffer: 4,
+                subscribers: 2,
+                publishers: 4,
+                borrowed: 2,
+                history: 0,
+                slots: 14,
+            }
         } else if topic.starts_with("run/") {
-            Self { buffer: DEFAULT_BUFFER, subscribers: 24, publishers: 24, borrowed: 4, history: 1, slots: 512 }
+            Self {
+                buffer: DEFAULT_BUFFER,
+                subscribers: 24,
+                publishers: 24,
+                borrowed: 4,
+                history: 1,
+                slots: 512,
+            }
         } else {
             // One recorder and eight others may each have stalled with another set of messages in hand.
             let (buffer, borrowed) = (RECORDER_BUFFER, 4);
             let slots = RECORDER_BUFFER + 8 * (DEFAULT_BUFFER + borrowed) + 8;
-            Self { buffer, subscribers: 16, publishers: 4, borrowed, history: 1, slots }
+            Self {
+                buffer,
+                subscribers: 16,
+                publishers: 4,
+                borrowed,
+                history: 1,
+                slots,
+            }
         }
     }
 }
@@ -68,28 +89,45 @@ fn open_error(topic: &str, reason: impl core::fmt::Debug) -> PortError {
 /// Whether trying again can help: somebody else is just creating or removing the service.
 fn passes<T: core::fmt::Debug>(error: &T) -> bool {
     let name = format!("{error:?}");
-    ["SystemInFlux", "IsMarkedForDestruction", "IsBeingCreatedByAnotherInstance", "AlreadyExists", "HangsInCreation", "DoesNotExist"]
-        .iter()
-        .any(|passing| name.contains(passing))
+    [
+        "SystemInFlux",
+        "IsMarkedForDestruction",
+        "IsBeingCreatedByAnotherInstance",
+        "AlreadyExists",
+        "HangsInCreation",
+        "DoesNotExist",
+    ]
+    .iter()
+    .any(|passing| name.contains(passing))
 }
 
 fn patiently<T, E: core::fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
     let end = Instant::now() + Duration::from_secs(2);
     loop {
         match open() {
-            Err(error) if passes(&error) && Instant::now() < end => std::thread::sleep(Duration::from_millis(2)),
+            Err(error) if passes(&error) && Instant::now() < end => {
+                std::thread::sleep(Duration::from_millis(2))
+            }
             done => return done,
         }
     }
 }
 
 /// Opens or creates the publish-subscribe service of a topic.
-pub(crate) fn open_topic<M: Message>(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Result<Topic<M>, PortError> {
+pub(crate) fn open_topic<M: Message>(
+    node: &iceoryx2::node::Node<Ipc>,
+    topic: &str,
+) -> Result<Topic<M>, PortError> {
     let sizes = Sizes::of::<M>(topic);
     let service_name = name(topic)?;
     let layout = layout_of::<M>();
-    let key = LAYOUT_KEY.try_into().map_err(|error| open_error(topic, error))?;
-    let value = layout.as_str().try_into().map_err(|error| open_error(topic, error))?;
+    let key = LAYOUT_KEY
+        .try_into()
+        .map_err(|error| open_error(topic, error))?;
+    let value = layout
+        .as_str()
+        .try_into()
+        .map_err(|error| open_error(topic, error))?;
     let verifier = AttributeVerifier::new()
         .require(&key, &value)
         .map_err(|error| open_error(topic, error))?;
@@ -122,14 +160,23 @@ pub(crate) fn open_topic<M: Message>(node: &iceoryx2::node::Node<Ipc>, topic: &s
 
 /// What the existing service of a topic says about its message.
 fn layout_in_use(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Option<String> {
-    let details: ServiceDetails<Ipc> =
-        Ipc::details(&ServiceName::new(topic).ok()?, node.config(), MessagingPattern::PublishSubscribe).ok()??;
+    let details: ServiceDetails<Ipc> = Ipc::details(
+        &ServiceName::new(topic).ok()?,
+        node.config(),
+        MessagingPattern::PublishSubscribe,
+    )
+    .ok()??;
     let key = LAYOUT_KEY.try_into().ok()?;
     match details.static_details.attributes().key_value(&key, 0) {
         Some(layout) => Some(layout.to_string()),
         None => Some(format!(
             "{} without a layout",
-            details.static_details.publish_subscribe().message_type_details().payload.type_name()
+            details
+                .static_details
+                .publish_subscribe()
+                .message_type_details()
+                .payload
+                .type_name()
         )),
     }
 }

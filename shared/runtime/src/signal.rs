@@ -120,7 +120,8 @@ pub(crate) fn follow_launcher(arguments: &crate::RunArguments) -> Result<RawFd, 
         }
         // The launcher may have died, and its id been given away, between its spawning us and the lines above: a living
         // launcher holds its instance's lock.
-        if libc::getppid() != launcher && !instance::is_locked(&arguments.root, &arguments.instance) {
+        if libc::getppid() != launcher && !instance::is_locked(&arguments.root, &arguments.instance)
+        {
             libc::close(descriptor);
             return Err(gone());
         }

@@ -73,7 +73,10 @@ mod tests {
         timer.record(120_000_000_000);
         let [p50, p90, p99, p999, max] = timer.summary_ns();
         let near = |value: u64, expected: f64| (value as f64 / expected - 1.0).abs() < 2e-3;
-        assert!(near(p50, 501_000.0) && near(p90, 901_000.0) && near(p99, 991_000.0), "{p50} {p90} {p99}");
+        assert!(
+            near(p50, 501_000.0) && near(p90, 901_000.0) && near(p99, 991_000.0),
+            "{p50} {p90} {p99}"
+        );
         assert!(near(p999, 1_000_000.0), "{p999}");
         assert_eq!(max, 120_000_000_000);
         assert_eq!(timer.count(), 1001);

@@ -4,8 +4,8 @@ mod support;
 
 use messages::{DriverAction, ImagineRequest, LidarFrame, Outcome, Report, topic};
 use runtime::{
-    Input, InputOptions, InstanceError, InstanceLock, Launcher, LauncherWake, Node, NodeError, PortError, Receive,
-    RunArguments, Stamp, Wake, instance, now_ns, text_of,
+    Input, InputOptions, InstanceError, InstanceLock, Launcher, LauncherWake, Node, NodeError,
+    PortError, Receive, RunArguments, Stamp, Wake, instance, now_ns, text_of,
 };
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
@@ -73,15 +73,26 @@ fn a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing() {
     assert_eq!(report.state, 3, "{}", text_of(&report.text));
     assert_eq!(report.steps, roles::STEPS as u64);
     assert_eq!(report.allocations, 0, "the world's loop allocated");
+    assert_eq!(
+        report.transport_allocations,
+        u64::from(roles::STEPS) - 10,
+        "one for every frame loaned"
+    );
     assert_eq!(report.port_count, 1);
     assert_eq!(text_of(&report.ports[0].topic), topic::DRIVER_ACTION);
-    assert_eq!((report.ports[0].received, report.ports[0].lost), (roles::STEPS as u64, 0));
+    assert_eq!(
+        (report.ports[0].received, report.ports[0].lost),
+        (roles::STEPS as u64, 0)
+    );
     assert!(report.compute_ns[0] > 0 && report.compute_ns[0] <= report.compute_ns[4]);
     launcher.stop().expect("stop is sent");
     let report = last_report(&mut launcher, "echo");
     assert_eq!(report.state, 3, "{}", text_of(&report.text));
     assert_eq!(report.allocations, 0, "the echo's loop allocated");
-    assert_eq!((report.ports[0].received, report.ports[0].lost), (roles::STEPS as u64, 0));
+    assert_eq!(
+        (report.ports[0].received, report.ports[0].lost),
+        (roles::STEPS as u64, 0)
+    );
 }
 
 #[test]
@@ -89,24 +100,50 @@ fn gaps_are_counted() {
     let scratch = Scratch::new();
     let mut launcher = launcher(&scratch, "gaps");
     let node = node(&launcher, "slow");
-    let options = InputOptions { receive: Receive::InOrder, buffer: 8, wakes: true };
-    let mut slow: Input<Outcome> = node.input_with(topic::OUTCOME, options).expect("the input opens");
-    let mut recorder: Input<Outcome> =
-        node.input_with(topic::OUTCOME, InputOptions::recorder()).expect("the input opens");
+    let options = InputOptions {
+        receive: Receive::InOrder,
+        buffer: 8,
+        wakes: true,
+    };
+    let mut slow: Input<Outcome> = node
+        .input_with(topic::OUTCOME, options)
+        .expect("the input opens");
+    let mut recorder: Input<Outcome> = node
+        .input_with(topic::OUTCOME, InputOptions::recorder())
+        .expect("the input opens");
     let talker = Child::spawn("talker", &launcher.arguments().for_process("talker", 0));
     let children = [talker];
-    start(&mut launcher, &["talker"], &children);
+    launcher
+        .wait_ready(
+            &["talker"],
+            &[children[0].descriptor()],
+            now_ns() + PATIENCE_NS,
+        )
+        .expect("the talker is ready");
+    node.connect();
+    launcher.start().expect("start is sent");
     assert_eq!(last_report(&mut launcher, "talker").state, 3);
     let mut received = Vec::new();
     while let Some(outcome) = slow.next().expect("receiving works") {
         received.push(outcome.reward as u64);
     }
     let first = roles::TALK - 8;
-    assert_eq!(received, (first..roles::TALK).collect::<Vec<_>>(), "the newest eight, in order");
-    assert_eq!((slow.received(), slow.lost()), (8, 0), "a first sight of a sender counts from there");
+    assert_eq!(
+        received,
+        (first..roles::TALK).collect::<Vec<_>>(),
+        "the newest eight, in order"
+    );
+    assert_eq!(
+        (slow.received(), slow.lost()),
+        (8, 0),
+        "a first sight of a sender counts from there"
+    );
     let mut count = 0;
     while recorder.take().expect("receiving works") {
-        assert_eq!(recorder.message().map(|outcome| outcome.reward as u64), Some(count));
+        assert_eq!(
+            recorder.message().map(|outcome| outcome.reward as u64),
+            Some(count)
+        );
         count += 1;
     }
     assert_eq!((count, recorder.lost()), (roles::TALK, 0));
@@ -139,7 +176,10 @@ fn sigterm_is_a_clean_end() {
     let status = echo.wait();
     assert!(status.success(), "{status}");
     assert_eq!(last_report(&mut launcher, "echo").state, 3);
-    let names: Vec<String> = nodes(&scratch, "term").into_iter().map(|node| node.process).collect();
+    let names: Vec<String> = nodes(&scratch, "term")
+        .into_iter()
+        .map(|node| node.process)
+        .collect();
     assert_eq!(names, ["launcher"], "nothing of the echo is left");
 }
 
@@ -160,7 +200,10 @@ fn what_a_killed_process_leaves_is_cleaned_and_its_successor_works() {
         launcher.start_process(index).expect("start is sent");
         echo.signal(libc::SIGKILL);
         assert_eq!(echo.wait().signal(), Some(libc::SIGKILL));
-        let dead = nodes(&scratch, "kill").into_iter().filter(|node| !node.alive).count();
+        let dead = nodes(&scratch, "kill")
+            .into_iter()
+            .filter(|node| !node.alive)
+            .count();
         assert_eq!(dead, 1);
         let report = launcher.clean().expect("cleaning works");
         assert_eq!((report.nodes, report.failed), (1, 0));
@@ -168,7 +211,11 @@ fn what_a_killed_process_leaves_is_cleaned_and_its_successor_works() {
     let mut world = Child::spawn("world", &launcher.arguments().for_process("world", 30));
     let mut echo = Child::spawn("echo", &launcher.arguments().for_process("echo", 31));
     launcher
-        .wait_ready(&["world", "echo"], &[world.descriptor(), echo.descriptor()], now_ns() + PATIENCE_NS)
+        .wait_ready(
+            &["world", "echo"],
+            &[world.descriptor(), echo.descriptor()],
+            now_ns() + PATIENCE_NS,
+        )
         .expect("both are ready");
     launcher.start().expect("start is sent");
     assert_eq!(last_report(&mut launcher, "world").state, 3);
@@ -188,12 +235,17 @@ fn assert_clean(scratch: &Scratch, name: &str) {
 #[test]
 fn children_end_with_a_killed_launcher_and_the_next_start_cleans() {
     let scratch = Scratch::new();
-    let mut arguments = RunArguments::new(scratch.path(), "orphans", 7, runtime::ClockMode::Lockstep).expect("a name");
+    let mut arguments =
+        RunArguments::new(scratch.path(), "orphans", 7, runtime::ClockMode::Lockstep)
+            .expect("a name");
     arguments.process = "launcher".to_owned();
     let mut first = Child::spawn("launcher", &arguments);
     let mut lines = BufReader::new(first.stdout()).lines();
     let grandchild: u32 = loop {
-        let line = lines.next().expect("the launcher speaks").expect("in UTF-8");
+        let line = lines
+            .next()
+            .expect("the launcher speaks")
+            .expect("in UTF-8");
         // libtest writes its own words on the same line.
         if let Some((_, pid)) = line.split_once("grandchild ") {
             break pid.trim().parse().expect("a process id");
@@ -215,12 +267,20 @@ fn children_end_with_a_killed_launcher_and_the_next_start_cleans() {
     let states = runtime::list_instances(scratch.path()).expect("instances can be listed");
     assert_eq!(states[0].launcher, None, "{states:?}");
     let report = runtime::cleanup_dead(scratch.path(), "orphans").expect("cleaning works");
-    assert!(report.nodes >= 1, "the launcher's node was left: {report:?}");
+    assert!(
+        report.nodes >= 1,
+        "the launcher's node was left: {report:?}"
+    );
     assert_clean(&scratch, "orphans");
     // And without anybody's `doctor`: a killed launcher's instance can be taken at once.
     let mut second = Child::spawn("launcher", &arguments);
     let mut lines = BufReader::new(second.stdout()).lines();
-    while !lines.next().expect("the launcher speaks").expect("in UTF-8").contains("grandchild ") {}
+    while !lines
+        .next()
+        .expect("the launcher speaks")
+        .expect("in UTF-8")
+        .contains("grandchild ")
+    {}
     second.signal(libc::SIGKILL);
     second.wait();
     let lock = InstanceLock::acquire(scratch.path(), "orphans").expect("the next start takes it");
@@ -234,23 +294,37 @@ fn another_layout_or_version_is_refused_with_both_named() {
     let scratch = Scratch::new();
     let launcher = launcher(&scratch, "layout");
     let node = node(&launcher, "stranger");
-    match node.output::<support::SwappedAction>(topic::DRIVER_ACTION).map(|_| ()) {
-        Err(PortError::Layout { topic: at, ours, theirs }) => {
+    match node
+        .output::<support::SwappedAction>(topic::DRIVER_ACTION)
+        .map(|_| ())
+    {
+        Err(PortError::Layout {
+            topic: at,
+            ours,
+            theirs,
+        }) => {
             assert_eq!(at, topic::DRIVER_ACTION);
             assert!(ours.starts_with("mirror/DriverAction/1 layout "), "{ours}");
-            assert!(theirs.starts_with("mirror/DriverAction/1 layout "), "{theirs}");
+            assert!(
+                theirs.starts_with("mirror/DriverAction/1 layout "),
+                "{theirs}"
+            );
             assert_ne!(ours, theirs);
         }
         other => panic!("swapped fields were not refused: {other:?}"),
     }
-    match node.input::<support::NextAction>(topic::DRIVER_ACTION, Receive::Newest).map(|_| ()) {
+    match node
+        .input::<support::NextAction>(topic::DRIVER_ACTION, Receive::Newest)
+        .map(|_| ())
+    {
         Err(PortError::Layout { ours, theirs, .. }) => {
             assert!(ours.starts_with("mirror/DriverAction/2 "), "{ours}");
             assert!(theirs.starts_with("mirror/DriverAction/1 "), "{theirs}");
         }
         other => panic!("another version was not refused: {other:?}"),
     }
-    node.output::<DriverAction>(topic::DRIVER_ACTION).expect("the right one is let in");
+    node.output::<DriverAction>(topic::DRIVER_ACTION)
+        .expect("the right one is let in");
 }
 
 #[test]
@@ -258,11 +332,22 @@ fn two_instances_never_meet() {
     let scratch = Scratch::new();
     let (a, b) = (launcher(&scratch, "a"), launcher(&scratch, "b"));
     let (node_a, node_b) = (node(&a, "one"), node(&b, "one"));
-    let output = node_a.output::<DriverAction>(topic::DRIVER_ACTION).expect("opens");
-    let mut same = node_a.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder).expect("opens");
-    let mut other = node_b.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder).expect("opens");
-    output.send_with(Stamp::default(), |action| action.steer = 0.5).expect("sends");
-    assert_eq!(same.next().expect("receives").map(|action| action.steer), Some(0.5));
+    let output = node_a
+        .output::<DriverAction>(topic::DRIVER_ACTION)
+        .expect("opens");
+    let mut same = node_a
+        .input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)
+        .expect("opens");
+    let mut other = node_b
+        .input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)
+        .expect("opens");
+    output
+        .send_with(Stamp::default(), |action| action.steer = 0.5)
+        .expect("sends");
+    assert_eq!(
+        same.next().expect("receives").map(|action| action.steer),
+        Some(0.5)
+    );
     assert!(other.next().expect("receives").is_none());
     assert_eq!(nodes(&scratch, "b").len(), 2);
 }
@@ -284,7 +369,11 @@ fn two_groups_of_questions_are_on_their_way_at_once() {
     assert_eq!(report.state, 3, "{}", text_of(&report.text));
     assert_eq!(report.allocations, 0, "answering allocated");
     assert_eq!(report.ports[0].received, 2 * roles::STEPS as u64);
-    assert_eq!(size_of::<ImagineRequest>() / 1000, 479, "questions are large, so they are loaned");
+    assert_eq!(
+        size_of::<ImagineRequest>() / 1000,
+        479,
+        "questions are large, so they are loaned"
+    );
 }
 
 #[test]
@@ -294,11 +383,20 @@ fn a_latecomer_gets_the_last_message() {
     let node = node(&launcher, "late");
     let output = node.output::<LidarFrame>(topic::LIDAR).expect("opens");
     for step in 0..3 {
-        output.send_with(Stamp::sensed(0, step), |_| {}).expect("sends");
+        output
+            .send_with(Stamp::sensed(0, step), |_| {})
+            .expect("sends");
     }
-    let mut late = node.input::<LidarFrame>(topic::LIDAR, Receive::Newest).expect("opens");
-    assert!(!late.take().expect("receives"), "history comes when the sender looks up");
-    output.send_with(Stamp::sensed(0, 3), |_| {}).expect("sends");
+    let mut late = node
+        .input::<LidarFrame>(topic::LIDAR, Receive::Newest)
+        .expect("opens");
+    assert!(
+        !late.take().expect("receives"),
+        "history comes when the sender looks up"
+    );
+    output
+        .send_with(Stamp::sensed(0, 3), |_| {})
+        .expect("sends");
     assert!(late.take().expect("receives"));
     assert_eq!(late.header().map(|header| header.step), Some(3));
     assert_eq!((late.received(), late.lost()), (2, 0));
@@ -309,27 +407,49 @@ fn a_lockstep_wait_notices_being_overtaken() {
     let scratch = Scratch::new();
     let launcher = launcher(&scratch, "overtaken");
     let mut node = node(&launcher, "one");
-    let mut input = node.input::<LidarFrame>(topic::LIDAR, Receive::InOrder).expect("opens");
+    let mut input = node
+        .input::<LidarFrame>(topic::LIDAR, Receive::InOrder)
+        .expect("opens");
     let output = node.output::<LidarFrame>(topic::LIDAR).expect("opens");
-    output.send_with(Stamp::sensed(0, 4), |_| {}).expect("sends");
-    output.send_with(Stamp::sensed(0, 6), |_| {}).expect("sends");
+    output
+        .send_with(Stamp::sensed(0, 4), |_| {})
+        .expect("sends");
+    output
+        .send_with(Stamp::sensed(0, 6), |_| {})
+        .expect("sends");
     let past = Some(now_ns());
-    assert_eq!(node.wait_step(&mut [&mut input], 0, 4, None).expect("waits"), Wake::Message);
+    assert_eq!(
+        node.wait_step(&mut [&mut input], 0, 4, None)
+            .expect("waits"),
+        Wake::Message
+    );
     match node.wait_step(&mut [&mut input], 0, 5, past) {
-        Err(NodeError::Overtaken { step: 5, got_step: 6, topic: at, .. }) => assert_eq!(at, topic::LIDAR),
+        Err(NodeError::Overtaken {
+            step: 5,
+            got_step: 6,
+            topic: at,
+            ..
+        }) => assert_eq!(at, topic::LIDAR),
         other => panic!("step 6 passed for step 5: {other:?}"),
     }
-    assert_eq!(node.wait_step(&mut [&mut input], 0, 7, past).expect("waits"), Wake::Deadline);
+    assert_eq!(
+        node.wait_step(&mut [&mut input], 0, 7, past)
+            .expect("waits"),
+        Wake::Deadline
+    );
 }
 
 #[test]
 fn bad_names_and_arguments_are_refused_in_words() {
     let scratch = Scratch::new();
     for name in ["", "a/b", "..", "with space", "ä", &"x".repeat(33)] {
-        let error = InstanceLock::acquire(scratch.path(), name).map(|_| ()).expect_err("not a name");
+        let error = InstanceLock::acquire(scratch.path(), name)
+            .map(|_| ())
+            .expect_err("not a name");
         assert!(matches!(error, InstanceError::Name { .. }), "{error}");
     }
-    let arguments = RunArguments::new(scratch.path(), "good", 1, runtime::ClockMode::RealTime).expect("a name");
+    let arguments =
+        RunArguments::new(scratch.path(), "good", 1, runtime::ClockMode::RealTime).expect("a name");
     let path = arguments.write().expect("written");
     assert_eq!(RunArguments::read(&path).expect("read"), arguments);
     let text = arguments.to_json();
@@ -341,6 +461,8 @@ fn bad_names_and_arguments_are_refused_in_words() {
     let error = RunArguments::read(&absent).expect_err("no such file");
     assert!(error.to_string().contains("absent.json"), "{error}");
     let deep = scratch.path().join("d".repeat(90));
-    let error = InstanceLock::acquire(&deep, "good").map(|_| ()).expect_err("no socket fits");
+    let error = InstanceLock::acquire(&deep, "good")
+        .map(|_| ())
+        .expect_err("no socket fits");
     assert!(matches!(error, InstanceError::Root { .. }), "{error}");
 }

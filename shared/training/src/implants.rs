@@ -85,6 +85,8 @@ pub struct Learned {
     pub implants: Implants,
     /// The loss at every iteration.
     pub losses: Vec<f32>,
+    /// Names of the self-model's parameters that changed by a single bit on the tape's side: none, or there is a bug.
+    pub frozen_moved: Vec<String>,
 }
 
 /// One shard's windows, all of equal length: `features × windows` per step.
@@ -237,7 +239,11 @@ pub fn learn(
         progress(iteration + 1, loss);
     }
     implants.detach(&parameters, &attached);
-    Ok(Learned { implants, losses })
+    Ok(Learned {
+        implants,
+        losses,
+        frozen_moved: moved(model, &parameters),
+    })
 }
 
 /// Equation 5's loss over one shard of windows, averaged over windows and steps.
@@ -288,13 +294,18 @@ pub fn negative_log_likelihood(
     tape.scale(sum, 1.0 / counted as f32)
 }
 
-/// Whether learning left every one of the self-model's parameters as it was, bit for bit.
-pub fn untouched(model: &SelfModel, parameters: &Parameters) -> bool {
-    model.parameters.iter().all(|(id, _, tensor)| {
-        tensor
-            .data()
+/// Names of the self-model's parameters that differ in `parameters` by a single bit.
+fn moved(model: &SelfModel, parameters: &Parameters) -> Vec<String> {
+    let differs = |a: &Tensor, b: &Tensor| {
+        a.data()
             .iter()
-            .zip(parameters.get(id).data())
-            .all(|(a, b)| a.to_bits() == b.to_bits())
-    })
+            .zip(b.data())
+            .any(|(a, b)| a.to_bits() != b.to_bits())
+    };
+    model
+        .parameters
+        .iter()
+        .filter(|(id, _, tensor)| differs(tensor, parameters.get(*id)))
+        .map(|(_, name, _)| name.to_owned())
+        .collect()
 }

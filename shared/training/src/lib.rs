@@ -1,6 +1,7 @@
 //! Learning: the self-model by ELBO and soft actor-critic, and implants from a person's demonstrations.
 
 pub mod batches;
+pub mod checkpoint;
 pub mod demonstrations;
 pub mod implants;
 pub mod replay;

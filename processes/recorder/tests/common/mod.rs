@@ -68,8 +68,12 @@ fn fill(fields: &[Field], bytes: &mut [u8], next: &mut u64) {
             *next += 1;
             match (field.nested, field.element) {
                 (Some(inner), _) => fill(inner(), place, next),
-                (None, "float32") => place.copy_from_slice(&(*next as f32 * 0.37 - 9.0).to_le_bytes()),
-                (None, "float64") => place.copy_from_slice(&(*next as f64 * 0.37 - 9.0).to_le_bytes()),
+                (None, "float32") => {
+                    place.copy_from_slice(&(*next as f32 * 0.37 - 9.0).to_le_bytes())
+                }
+                (None, "float64") => {
+                    place.copy_from_slice(&(*next as f64 * 0.37 - 9.0).to_le_bytes())
+                }
                 (None, "uint8") => place[0] = *next as u8,
                 (None, _) => place.copy_from_slice(&next.to_le_bytes()[..size]),
             }

@@ -12,6 +12,8 @@ use crate::highway::traffic::{Course, Kind, Motion, Participant, RecordedPose, R
 
 /// The speed limit that a recording is given is at least the highway scene's own, 37 km/h.
 const LEAST_SPEED_LIMIT_MPS: f64 = 37.0 / 3.6;
+/// And at most what a scene file may say.
+const MOST_SPEED_LIMIT_MPS: f64 = 300.0 / 3.6;
 /// Head-room over the fastest recorded car, so that a person at the wheel can do what the recorded people did.
 const SPEED_HEADROOM: f64 = 1.1;
 /// Lanes of a map end within this of each other along the road, because it is cut at an angle.
@@ -41,11 +43,16 @@ impl GoalRegion {
         const SLACK_S: f64 = 1e-6;
         self.goals.iter().any(|goal| {
             (goal.from_s - SLACK_S..=goal.to_s + SLACK_S).contains(&time_s)
-                && goal.speed_mps.is_none_or(|[low, high]| (low..=high).contains(&speed_mps))
+                && goal
+                    .speed_mps
+                    .is_none_or(|[low, high]| (low..=high).contains(&speed_mps))
                 && goal.heading_rad.is_none_or(|[from, to]| {
                     (pose.heading_rad - from).rem_euclid(std::f64::consts::TAU) <= to - from
                 })
-                && goal.areas.iter().any(|area| area.contains([pose.x_m, pose.y_m]))
+                && goal
+                    .areas
+                    .iter()
+                    .any(|area| area.contains([pose.x_m, pose.y_m]))
         })
     }
 }
@@ -57,11 +64,21 @@ impl Scenario {
     /// # Errors
     /// When there is no planning problem, no such car, no road, or nothing is recorded over time.
     pub fn course(&self, seat: Option<i32>) -> Result<Course, CommonRoadError> {
-        let from_step = self.problems.first().map_or(0, |problem| problem.start.step);
+        let from_step = self
+            .problems
+            .first()
+            .map_or(0, |problem| problem.start.step);
         let (start, pose) = match seat {
             None => {
                 let start = self.problem()?.start;
-                (start, Pose { x_m: start.x_m, y_m: start.y_m, heading_rad: start.heading_rad })
+                (
+                    start,
+                    Pose {
+                        x_m: start.x_m,
+                        y_m: start.y_m,
+                        heading_rad: start.heading_rad,
+                    },
+                )
             }
             Some(id) => {
                 let car = self.seat(id)?;
@@ -69,27 +86,51 @@ impl Scenario {
             }
         };
         let map = LaneletMap::new(self);
-        let goals = if seat.is_none() { self.goal_lanelets(&map)? } else { Vec::new() };
+        let goals = if seat.is_none() {
+            self.goal_lanelets(&map)?
+        } else {
+            Vec::new()
+        };
         let route = map.route(map.under([pose.x_m, pose.y_m], pose.heading_rad), &goals);
         let road = self.road(&map, &route)?;
         let start_s_m = road.project(pose.x_m, pose.y_m).s_m;
         let road = road.with_core_at(start_s_m);
         let last_step = self.last_step();
         if last_step <= from_step {
-            return Err(self.lacks("no obstacle moves after the start, so there is nothing to replay"));
+            return Err(
+                self.lacks("no obstacle moves after the start, so there is nothing to replay")
+            );
         }
         // Past the place where the first of the lanes that reach the map's edge ends, nothing is known.
         let length = road.length_m();
-        let ends = road.lanes().iter().map(|lane| lane.to_m).filter(|to_m| *to_m > length - MAP_EDGE_M);
+        let ends = road
+            .lanes()
+            .iter()
+            .map(|lane| lane.to_m)
+            .filter(|to_m| *to_m > length - MAP_EDGE_M);
         let edge_s_m = ends.fold(length, f64::min);
+        let traffic: Vec<_> = self
+            .obstacles
+            .iter()
+            .filter_map(|obstacle| self.participant(obstacle, from_step, last_step))
+            .collect();
+        if let Some(id) = seat.filter(|id| traffic.iter().all(|car| car.id != *id)) {
+            return Err(self.lacks(format!(
+                "car {id} is gone before the planning problem starts"
+            )));
+        }
         Ok(Course {
-            goal_s_m: if seat.is_none() { edge_s_m } else { f64::INFINITY },
-            goal: if seat.is_none() { self.goal_region(from_step)? } else { GoalRegion::default() },
-            traffic: self
-                .obstacles
-                .iter()
-                .filter_map(|obstacle| self.participant(obstacle, from_step, last_step))
-                .collect(),
+            goal_s_m: if seat.is_none() {
+                edge_s_m
+            } else {
+                f64::INFINITY
+            },
+            goal: if seat.is_none() {
+                self.goal_region(from_step)?
+            } else {
+                GoalRegion::default()
+            },
+            traffic,
             road,
             start: pose,
             start_speed_mps: start.speed_mps.max(0.0),
@@ -103,7 +144,11 @@ impl Scenario {
         let mut sorted = route.to_vec();
         sorted.sort_unstable();
         let build = |members: &[usize]| {
-            let lanes: Vec<_> = map.chains(members).iter().map(|chain| edges(self, chain)).collect();
+            let lanes: Vec<_> = map
+                .chains(members)
+                .iter()
+                .map(|chain| edges(self, chain))
+                .collect();
             Road::from_polylines(&reference, &lanes, SHOULDER_M, SHOULDER_M)
                 .map_err(|error| self.lacks(format!("its lanelets make no road: {error}")))
         };
@@ -114,7 +159,11 @@ impl Scenario {
 
     /// The recorded cars that can be the driver's seat: moving, with at least three recorded instants.
     pub fn seats(&self) -> Vec<i32> {
-        self.obstacles.iter().filter(|o| o.moving && o.states.len() >= 3).map(|o| o.id).collect()
+        self.obstacles
+            .iter()
+            .filter(|o| o.moving && o.states.len() >= 3)
+            .map(|o| o.id)
+            .collect()
     }
 
     /// The obstacle whose seat is asked for.
@@ -122,19 +171,35 @@ impl Scenario {
     /// # Errors
     /// When there is no such obstacle, or it does not move, with the identities that can be chosen.
     pub fn seat(&self, id: i32) -> Result<&Obstacle, CommonRoadError> {
-        self.obstacle(id).filter(|o| o.moving && o.states.len() >= 3).ok_or_else(|| {
-            let ids: Vec<String> = self.seats().iter().map(i32::to_string).collect();
-            self.lacks(format!("no recorded car {id} to drive as; there are {}", ids.join(", ")))
-        })
+        self.obstacle(id)
+            .filter(|o| o.moving && o.states.len() >= 3)
+            .ok_or_else(|| {
+                let ids: Vec<String> = self.seats().iter().map(i32::to_string).collect();
+                self.lacks(format!(
+                    "no recorded car {id} to drive as; there are {}",
+                    ids.join(", ")
+                ))
+            })
     }
 
     /// The speed above which the ego car's throttle does nothing: the highest of 37 km/h, the lanelets' speed limits,
-    /// the planned start and 1.1 times the fastest recorded car.
+    /// the planned start and 1.1 times the fastest recorded car; at most 300 km/h, as in scene files.
     pub fn speed_limit_mps(&self) -> f64 {
-        let recorded = self.obstacles.iter().flat_map(|o| &o.states).map(|s| s.speed_mps * SPEED_HEADROOM);
-        let signed = self.lanelets.iter().filter_map(|lanelet| lanelet.speed_limit_mps);
+        let recorded = self
+            .obstacles
+            .iter()
+            .flat_map(|o| &o.states)
+            .map(|s| s.speed_mps * SPEED_HEADROOM);
+        let signed = self
+            .lanelets
+            .iter()
+            .filter_map(|lanelet| lanelet.speed_limit_mps);
         let planned = self.problems.iter().map(|problem| problem.start.speed_mps);
-        recorded.chain(signed).chain(planned).fold(LEAST_SPEED_LIMIT_MPS, f64::max)
+        recorded
+            .chain(signed)
+            .chain(planned)
+            .fold(LEAST_SPEED_LIMIT_MPS, f64::max)
+            .min(MOST_SPEED_LIMIT_MPS)
     }
 
     /// A moving obstacle's poses at every recorded step from `from_step` on; `None` where it was gone by then. Gaps in
@@ -149,10 +214,15 @@ impl Scenario {
                 if step < from_step {
                     continue;
                 }
-                let t = next.map_or(0.0, |n| f64::from(step - state.step) / f64::from(n.step - state.step));
+                let t = next.map_or(0.0, |n| {
+                    f64::from(step - state.step) / f64::from(n.step - state.step)
+                });
                 let now = next.map_or(*state, |next| between(state, next, t));
                 first.get_or_insert(step);
-                poses.push(RecordedPose { pose: box_pose(obstacle, &now), speed_mps: now.speed_mps.abs() });
+                poses.push(RecordedPose {
+                    pose: box_pose(obstacle, &now),
+                    speed_mps: now.speed_mps.abs(),
+                });
             }
         }
         Some(Recording {
@@ -162,14 +232,26 @@ impl Scenario {
         })
     }
 
-    fn participant(&self, obstacle: &Obstacle, from_step: u32, last_step: u32) -> Option<Participant> {
+    fn participant(
+        &self,
+        obstacle: &Obstacle,
+        from_step: u32,
+        last_step: u32,
+    ) -> Option<Participant> {
         let outline = obstacle.shape.local_box();
         let recording = if obstacle.moving {
             self.recording(obstacle, from_step)?
         } else {
-            let still = RecordedPose { pose: box_pose(obstacle, &obstacle.states[0]), speed_mps: 0.0 };
+            let still = RecordedPose {
+                pose: box_pose(obstacle, &obstacle.states[0]),
+                speed_mps: 0.0,
+            };
             let period_s = f64::from(last_step.max(1)) * self.step_s + 1e6;
-            Recording { start_s: 0.0, period_s, poses: vec![still; 2] }
+            Recording {
+                start_s: 0.0,
+                period_s,
+                poses: vec![still; 2],
+            }
         };
         Some(Participant {
             id: obstacle.id,
@@ -184,13 +266,19 @@ impl Scenario {
     }
 
     fn goal_lanelets(&self, map: &LaneletMap) -> Result<Vec<usize>, CommonRoadError> {
-        let places = self.problem()?.goals.iter().flat_map(|goal| goal.places.iter().flatten());
+        let places = self
+            .problem()?
+            .goals
+            .iter()
+            .flat_map(|goal| goal.places.iter().flatten());
         Ok(places
             .flat_map(|place| match place {
                 Place::Lanelet(id) => self.lanelet_index(*id).into_iter().collect::<Vec<_>>(),
                 Place::Area(shape) => {
                     let middle = shape.middle();
-                    (0..self.lanelets.len()).filter(|index| map.contains(*index, middle)).collect()
+                    (0..self.lanelets.len())
+                        .filter(|index| map.contains(*index, middle))
+                        .collect()
                 }
             })
             .collect())
@@ -208,14 +296,23 @@ impl Scenario {
                 .filter_map(|place| match place {
                     Place::Area(shape) => Some(shape.clone()),
                     Place::Lanelet(id) => self.lanelet(*id).map(|lanelet| {
-                        Shape::Polygon(lanelet.left.iter().chain(lanelet.right.iter().rev()).copied().collect())
+                        Shape::Polygon(
+                            lanelet
+                                .left
+                                .iter()
+                                .chain(lanelet.right.iter().rev())
+                                .copied()
+                                .collect(),
+                        )
                     }),
                 })
                 .collect(),
             speed_mps: goal.speed_mps,
             heading_rad: goal.heading_rad,
         };
-        Ok(GoalRegion { goals: self.problem()?.goals.iter().map(timed).collect() })
+        Ok(GoalRegion {
+            goals: self.problem()?.goals.iter().map(timed).collect(),
+        })
     }
 }
 

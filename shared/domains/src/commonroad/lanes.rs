@@ -20,14 +20,23 @@ impl LaneletMap {
     /// Prepares all lanelets of a scenario.
     pub fn new(scenario: &Scenario) -> Self {
         let indices = |ids: &[i64]| -> Vec<usize> {
-            ids.iter().filter_map(|id| scenario.lanelet_index(*id)).collect()
+            ids.iter()
+                .filter_map(|id| scenario.lanelet_index(*id))
+                .collect()
         };
         let lanelets = &scenario.lanelets;
         let mut map = Self {
             centers: lanelets.iter().map(center_line).collect(),
             outlines: lanelets
                 .iter()
-                .map(|lanelet| lanelet.left.iter().chain(lanelet.right.iter().rev()).copied().collect())
+                .map(|lanelet| {
+                    lanelet
+                        .left
+                        .iter()
+                        .chain(lanelet.right.iter().rev())
+                        .copied()
+                        .collect()
+                })
                 .collect(),
             successors: lanelets.iter().map(|l| indices(&l.successors)).collect(),
             predecessors: vec![Vec::new(); lanelets.len()],
@@ -93,7 +102,11 @@ impl LaneletMap {
         for index in 0..self.centers.len() {
             let (away, direction) = self.offset(index, point);
             let turn = wrap(heading_rad - direction).abs();
-            let score = if self.contains(index, point) { turn } else { 10.0 + away.abs() + turn };
+            let score = if self.contains(index, point) {
+                turn
+            } else {
+                10.0 + away.abs() + turn
+            };
             if score < best.0 {
                 best = (score, index);
             }
@@ -104,7 +117,11 @@ impl LaneletMap {
     /// Direction of a lanelet's first or last metres.
     fn direction(&self, index: usize, at_end: bool) -> f64 {
         let line = &self.centers[index];
-        let pair = if at_end { [line[line.len() - 2], line[line.len() - 1]] } else { [line[0], line[1]] };
+        let pair = if at_end {
+            [line[line.len() - 2], line[line.len() - 1]]
+        } else {
+            [line[0], line[1]]
+        };
         (pair[1][1] - pair[0][1]).atan2(pair[1][0] - pair[0][0])
     }
 
@@ -117,18 +134,20 @@ impl LaneletMap {
 
     /// The straightest way on from a lanelet.
     fn next(&self, index: usize) -> Option<usize> {
-        self.successors[index]
-            .iter()
-            .copied()
-            .min_by(|a, b| self.bend(index, *a).total_cmp(&self.bend(index, *b)).then(a.cmp(b)))
+        self.successors[index].iter().copied().min_by(|a, b| {
+            self.bend(index, *a)
+                .total_cmp(&self.bend(index, *b))
+                .then(a.cmp(b))
+        })
     }
 
     /// The straightest way back from a lanelet.
     fn before(&self, index: usize) -> Option<usize> {
-        self.predecessors[index]
-            .iter()
-            .copied()
-            .min_by(|a, b| self.bend(*a, index).total_cmp(&self.bend(*b, index)).then(a.cmp(b)))
+        self.predecessors[index].iter().copied().min_by(|a, b| {
+            self.bend(*a, index)
+                .total_cmp(&self.bend(*b, index))
+                .then(a.cmp(b))
+        })
     }
 
     /// The lanelets from the map's edge through `start` to the map's edge: the straightest way, except that it leads
@@ -137,7 +156,11 @@ impl LaneletMap {
         let mut route = self.path(start, goals);
         let mut used = vec![false; self.centers.len()];
         route.iter().for_each(|index| used[*index] = true);
-        while let Some(next) = route.last().and_then(|last| self.next(*last)).filter(|next| !used[*next]) {
+        while let Some(next) = route
+            .last()
+            .and_then(|last| self.next(*last))
+            .filter(|next| !used[*next])
+        {
             used[next] = true;
             route.push(next);
         }
@@ -183,7 +206,10 @@ impl LaneletMap {
 
     /// One line through the centres of `route`.
     pub fn line(&self, route: &[usize]) -> Vec<[f64; 2]> {
-        route.iter().flat_map(|index| self.centers[*index].iter().copied()).collect()
+        route
+            .iter()
+            .flat_map(|index| self.centers[*index].iter().copied())
+            .collect()
     }
 
     /// The lanelets of the carriageway around `route`: those that same-direction neighbours, successors and
@@ -192,7 +218,10 @@ impl LaneletMap {
         let parallel = |index: usize| {
             self.centers[index].windows(2).all(|pair| {
                 let direction = (pair[1][1] - pair[0][1]).atan2(pair[1][0] - pair[0][0]);
-                let middle = [(pair[0][0] + pair[1][0]) / 2.0, (pair[0][1] + pair[1][1]) / 2.0];
+                let middle = [
+                    (pair[0][0] + pair[1][0]) / 2.0,
+                    (pair[0][1] + pair[1][1]) / 2.0,
+                ];
                 // Lanelet points lie as close as 0.3 m with an error of centimetres: a short piece says nothing.
                 let length = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
                 length < 1.0 || wrap(direction - heading_at(middle)).abs() < PARALLEL_RAD
@@ -204,7 +233,11 @@ impl LaneletMap {
         let mut found = Vec::new();
         while let Some(index) = queue.pop() {
             found.push(index);
-            let around = [&self.successors[index], &self.predecessors[index], &self.neighbours[index]];
+            let around = [
+                &self.successors[index],
+                &self.predecessors[index],
+                &self.neighbours[index],
+            ];
             for &next in around.into_iter().flatten() {
                 if !seen[next] {
                     seen[next] = true;
@@ -224,9 +257,18 @@ impl LaneletMap {
         let is_member = |index: &usize| members.binary_search(index).is_ok();
         let mut links: Vec<(usize, usize)> = members
             .iter()
-            .flat_map(|from| self.successors[*from].iter().filter(|to| is_member(to)).map(|to| (*from, *to)))
+            .flat_map(|from| {
+                self.successors[*from]
+                    .iter()
+                    .filter(|to| is_member(to))
+                    .map(|to| (*from, *to))
+            })
             .collect();
-        links.sort_by(|a, b| self.bend(a.0, a.1).total_cmp(&self.bend(b.0, b.1)).then(a.cmp(b)));
+        links.sort_by(|a, b| {
+            self.bend(a.0, a.1)
+                .total_cmp(&self.bend(b.0, b.1))
+                .then(a.cmp(b))
+        });
         let mut next: Vec<Option<usize>> = vec![None; self.centers.len()];
         let mut continued: Vec<bool> = vec![false; self.centers.len()];
         for (from, to) in links {
@@ -260,9 +302,15 @@ impl LaneletMap {
 /// The edges of a chain of lanelets as one lane.
 pub(crate) fn edges(scenario: &Scenario, chain: &[usize]) -> LaneEdges {
     let collect = |side: fn(&Lanelet) -> &[[f64; 2]]| {
-        chain.iter().flat_map(|index| side(&scenario.lanelets[*index]).iter().copied()).collect()
+        chain
+            .iter()
+            .flat_map(|index| side(&scenario.lanelets[*index]).iter().copied())
+            .collect()
     };
-    LaneEdges { left: collect(|lanelet| &lanelet.left), right: collect(|lanelet| &lanelet.right) }
+    LaneEdges {
+        left: collect(|lanelet| &lanelet.left),
+        right: collect(|lanelet| &lanelet.right),
+    }
 }
 
 /// Halfway between the bounds: point by point where both have as many, else at equal fractions of their lengths.
@@ -274,7 +322,9 @@ fn center_line(lanelet: &Lanelet) -> Vec<[f64; 2]> {
     } else {
         let count = left.len().max(right.len());
         let at = |line: &[[f64; 2]], index: usize| along(line, index as f64 / (count - 1) as f64);
-        (0..count).map(|index| mean(at(left, index), at(right, index))).collect()
+        (0..count)
+            .map(|index| mean(at(left, index), at(right, index)))
+            .collect()
     };
     line.dedup();
     if line.len() < 2 {
@@ -292,7 +342,10 @@ fn along(line: &[[f64; 2]], fraction: f64) -> [f64; 2] {
         let length = step(pair);
         if left <= length {
             let t = left / length;
-            return [pair[0][0] + t * (pair[1][0] - pair[0][0]), pair[0][1] + t * (pair[1][1] - pair[0][1])];
+            return [
+                pair[0][0] + t * (pair[1][0] - pair[0][0]),
+                pair[0][1] + t * (pair[1][1] - pair[0][1]),
+            ];
         }
         left -= length;
     }

@@ -8,6 +8,7 @@ mod course;
 mod error;
 mod lanes;
 mod read;
+mod read_traffic;
 mod scenario;
 mod seat;
 mod xml;
@@ -16,6 +17,7 @@ pub use course::{GoalRegion, between, box_pose};
 pub use error::{CommonRoadError, READ_VERSIONS};
 pub use lanes::LaneletMap;
 pub use scenario::{
-    Adjacent, Goal, Lanelet, LocalBox, Obstacle, Place, PlanningProblem, Scenario, Shape, State, wrap,
+    Adjacent, Goal, Lanelet, LocalBox, Obstacle, Place, PlanningProblem, Scenario, Shape, State,
+    wrap,
 };
 pub use seat::{RecordedActions, RecordedSeat};

@@ -37,10 +37,15 @@ impl Scenario {
     /// See [`Scenario::course`].
     pub fn scene(&self, fog_m: Option<f64>, seat: Option<i32>) -> Result<Scene, CommonRoadError> {
         let course = self.course(seat)?;
-        let mut scene = Scene { name: self.name(), seat, ..Scene::default() };
+        let mut scene = Scene {
+            name: self.name(),
+            seat,
+            ..Scene::default()
+        };
         let default_limit_kmh = scene.ego.throttle_limit_kmh;
         scene.ego.throttle_limit_kmh = self.speed_limit_mps() * 3.6;
-        scene.reward.top_speed_kmh *= scene.ego.throttle_limit_kmh / default_limit_kmh;
+        let faster = scene.ego.throttle_limit_kmh / default_limit_kmh;
+        scene.reward.top_speed_kmh = (scene.reward.top_speed_kmh * faster).min(300.0);
         scene.episode.max_steps = (course.duration_s / scene.step_s()).ceil().max(1.0) as u32;
         scene.course = Some(Arc::new(course));
         if let Some(fog_m) = fog_m {
@@ -55,7 +60,10 @@ impl Scenario {
             return self.benchmark_id.clone();
         }
         let stem = Path::new(&self.file).file_stem();
-        stem.map_or_else(|| self.file.clone(), |stem| stem.to_string_lossy().into_owned())
+        stem.map_or_else(
+            || self.file.clone(),
+            |stem| stem.to_string_lossy().into_owned(),
+        )
     }
 
     /// The actions that a recorded person took, one per control step of `scene`, and how well the ego car's kinematic
@@ -63,10 +71,18 @@ impl Scenario {
     ///
     /// # Errors
     /// When there is no such car, or the scenario cannot be driven.
-    pub fn recorded_actions(&self, id: i32, scene: &Scene) -> Result<RecordedActions, CommonRoadError> {
+    pub fn recorded_actions(
+        &self,
+        id: i32,
+        scene: &Scene,
+    ) -> Result<RecordedActions, CommonRoadError> {
         let course = self.course(Some(id))?;
         let missing = || self.lacks(format!("car {id} is gone before the start"));
-        let car: &Participant = course.traffic.iter().find(|car| car.id == id).ok_or_else(missing)?;
+        let car: &Participant = course
+            .traffic
+            .iter()
+            .find(|car| car.id == id)
+            .ok_or_else(missing)?;
         let Motion::Recorded(recording) = &car.motion else {
             return Err(missing());
         };
@@ -79,7 +95,8 @@ impl Scenario {
         for step in 0u32.. {
             // As the world counts time, so that both find the same action to the last bit.
             let time_s = recording.start_s + f64::from(step * ticks) * (1.0 / scene.clock.tick_hz);
-            let (Some(now), Some(next)) = (recording.at(time_s), recording.at(time_s + step_s)) else {
+            let (Some(now), Some(next)) = (recording.at(time_s), recording.at(time_s + step_s))
+            else {
                 break;
             };
             let action = course.recorded_action(scene, car, time_s);
@@ -93,7 +110,13 @@ impl Scenario {
                 ..EgoCar::default()
             };
             for _ in 0..ticks {
-                drive(&mut ego, &spec, f64::from(action[0]), f64::from(action[1]), step_s / f64::from(ticks));
+                drive(
+                    &mut ego,
+                    &spec,
+                    f64::from(action[0]),
+                    f64::from(action[1]),
+                    step_s / f64::from(ticks),
+                );
             }
             let away = (ego.pose.x_m - next.pose.x_m).hypot(ego.pose.y_m - next.pose.y_m);
             found.position_max_m = found.position_max_m.max(away);

@@ -45,9 +45,10 @@ impl<'a> Source<'a> {
         let mut found = children(parent, name);
         let first = found.next();
         match found.next() {
-            Some(second) => Err(self.error(second, format!(
-                "a second one in <{}>", parent.tag_name().name()
-            ))),
+            Some(second) => Err(self.error(
+                second,
+                format!("a second one in <{}>", parent.tag_name().name()),
+            )),
             None => Ok(first),
         }
     }
@@ -102,7 +103,10 @@ impl<'a> Source<'a> {
         let from = self.number_in(element, "intervalStart")?;
         let to = self.number_in(element, "intervalEnd")?;
         if from > to {
-            return Err(self.error(element, format!("the interval from {from} to {to} is empty")));
+            return Err(self.error(
+                element,
+                format!("the interval from {from} to {to} is empty"),
+            ));
         }
         Ok([from, to])
     }
@@ -115,7 +119,10 @@ impl<'a> Source<'a> {
             if value.fract() == 0.0 && (0.0..=1e6).contains(&value) {
                 Ok(value as u32)
             } else {
-                Err(self.error(element, format!("{value} is not a time step between 0 and 1000000")))
+                Err(self.error(
+                    element,
+                    format!("{value} is not a time step between 0 and 1000000"),
+                ))
             }
         };
         Ok([whole(from)?, whole(to)?])
@@ -132,8 +139,12 @@ impl<'a> Source<'a> {
     /// A whole number in an attribute.
     pub fn identity(&self, element: Element<'a>, name: &str) -> Result<i64, CommonRoadError> {
         let text = self.attribute(element, name)?;
-        text.parse()
-            .map_err(|_| self.error(element, format!("{name} {} is not a whole number", shown(text))))
+        text.parse().map_err(|_| {
+            self.error(
+                element,
+                format!("{name} {} is not a whole number", shown(text)),
+            )
+        })
     }
 
     /// `x` and `y`; `z` is ignored.
@@ -143,10 +154,7 @@ impl<'a> Source<'a> {
 }
 
 /// Child elements of this name.
-pub(crate) fn children<'a>(
-    parent: Element<'a>,
-    name: &str,
-) -> impl Iterator<Item = Element<'a>> {
+pub(crate) fn children<'a>(parent: Element<'a>, name: &str) -> impl Iterator<Item = Element<'a>> {
     parent
         .children()
         .filter(move |node| node.is_element() && node.tag_name().name() == name)

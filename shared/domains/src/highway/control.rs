@@ -33,7 +33,10 @@ impl Cockpit {
     /// The cockpit of a scene's car on a road, begun at `start_s_m`.
     pub fn new(scene: &Scene, road: &Road, start_s_m: f64) -> Self {
         let (right, left) = road.edges_m(start_s_m);
-        let lane = road.lane_near(super::road::RoadPoint { s_m: start_s_m, d_m: 0.0 });
+        let lane = road.lane_near(super::road::RoadPoint {
+            s_m: start_s_m,
+            d_m: 0.0,
+        });
         let lane_m = road.lane_width_m(lane, start_s_m);
         Self {
             lane_m: lane_m as f32,
@@ -52,7 +55,11 @@ impl Cockpit {
     /// Throttle (positive) or brake (negative) for a wanted acceleration at a speed.
     pub fn pedal(&self, acceleration_mps2: f32, speed_mps: f32) -> f32 {
         let push = acceleration_mps2 + self.drag_mps2 * speed_mps / 10.0;
-        let full = if push >= 0.0 { self.acceleration_mps2 } else { self.brake_mps2 };
+        let full = if push >= 0.0 {
+            self.acceleration_mps2
+        } else {
+            self.brake_mps2
+        };
         (push / full).clamp(-1.0, 1.0)
     }
 

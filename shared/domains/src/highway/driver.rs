@@ -8,7 +8,9 @@ use super::control::Cockpit;
 use super::memory::{CAR_LENGTH_M, Memory};
 use super::person::MAX_DELAY;
 use super::speech::{Heard, displayable, sector_of};
-use super::{AZIMUTHS, EGO_LANE_M, EGO_ROAD_M, EGO_SPEED_MPS, Fog, Observation, Person, SECTORS, random};
+use super::{
+    AZIMUTHS, EGO_LANE_M, EGO_ROAD_M, EGO_SPEED_MPS, Fog, Observation, Person, SECTORS, random,
+};
 
 /// Random stream of the simulated driver.
 const STREAM: u64 = 2;
@@ -22,6 +24,8 @@ const PRESSED_S: f32 = 4.0;
 const CLEAR_M: f32 = 2.1;
 /// No lane is entered with less than this to the cars there.
 const LEAST_GAP_M: f32 = 1.0;
+/// How much harder than necessary a person brakes in need.
+const MARGIN: f32 = 1.3;
 /// Hardest braking that somebody expects of anybody.
 const FULL_BRAKE_MPS2: f32 = 8.0;
 
@@ -38,7 +42,11 @@ pub struct Shown {
 
 impl Default for Shown {
     fn default() -> Self {
-        Self { highlighted: 0, highlighted_objects: [-1; 16], utterances: [None; SECTORS] }
+        Self {
+            highlighted: 0,
+            highlighted_objects: [-1; 16],
+            utterances: [None; SECTORS],
+        }
     }
 }
 
@@ -132,22 +140,39 @@ impl SimulatedDriver {
         let lane_offset = observation.ego[2] * EGO_LANE_M;
         let lane_centre = observation.ego[3] * EGO_ROAD_M - lane_offset;
         let middle = (cockpit.lanes as f32 - 1.0) / 2.0;
-        let here = (lane_centre / cockpit.lane_m + middle).round().clamp(0.0, cockpit.lanes as f32 - 1.0) as usize;
+        let here = (lane_centre / cockpit.lane_m + middle)
+            .round()
+            .clamp(0.0, cockpit.lanes as f32 - 1.0) as usize;
         if self.step == 0 {
             self.lane = here;
-            self.pending = [Decision { acceleration_mps2: 0.0, lane: here }; MAX_DELAY + 1];
+            self.pending = [Decision {
+                acceleration_mps2: 0.0,
+                lane: here,
+            }; MAX_DELAY + 1];
         }
-        self.memory.update(&cockpit, observation, here, |azimuth, object, range_m| {
-            range_m <= self.visible_m[azimuth] || shown.reveals(azimuth, object)
-        }, &self.visible_m);
+        self.memory.update(
+            &cockpit,
+            observation,
+            here,
+            |azimuth, object, range_m| {
+                range_m <= self.visible_m[azimuth] || shown.reveals(azimuth, object)
+            },
+            &self.visible_m,
+        );
         for (sector, heard) in shown.utterances.iter().enumerate() {
             if let Some(heard) = heard {
-                self.memory.hear(sector, heard, here, cockpit.lane_m, cockpit.lanes);
+                self.memory
+                    .hear(sector, heard, here, cockpit.lane_m, cockpit.lanes);
             }
         }
         let acceleration_mps2 = self.decide(here, lane_offset, speed);
-        self.pending[self.step % (MAX_DELAY + 1)] = Decision { acceleration_mps2, lane: self.lane };
-        let delayed = self.step.saturating_sub(self.person.reacting.delay_steps as usize);
+        self.pending[self.step % (MAX_DELAY + 1)] = Decision {
+            acceleration_mps2,
+            lane: self.lane,
+        };
+        let delayed = self
+            .step
+            .saturating_sub(self.person.reacting.delay_steps as usize);
         let decision = self.pending[delayed % (MAX_DELAY + 1)];
         self.step += 1;
         self.since_change_s += cockpit.step_s;
@@ -155,16 +180,33 @@ impl SimulatedDriver {
         let aside = (decision.lane as f32 - here as f32) * cockpit.lane_m - lane_offset;
         let heading_error = observation.ego[0] * std::f32::consts::PI;
         let curvature = observation.ego[4] * std::f32::consts::PI / super::EGO_AHEAD_M as f32;
-        let Person { changing, reacting, .. } = &self.person;
-        let steer = cockpit.steer(aside, heading_error, curvature, speed, 1.0, changing.slant_rad, reacting.turn_s);
+        let Person {
+            changing, reacting, ..
+        } = &self.person;
+        let steer = cockpit.steer(
+            aside,
+            heading_error,
+            curvature,
+            speed,
+            1.0,
+            changing.slant_rad,
+            reacting.turn_s,
+        );
         let pedal = cockpit.pedal(decision.acceleration_mps2, speed);
         let kept = reacting.noise_memory;
         let fresh = (1.0 - kept * kept).sqrt();
-        for (noise, deviation) in self.noise.iter_mut().zip([reacting.pedal_noise, reacting.steer_noise]) {
+        for (noise, deviation) in self
+            .noise
+            .iter_mut()
+            .zip([reacting.pedal_noise, reacting.steer_noise])
+        {
             let draw: f32 = StandardNormal.sample(&mut self.random);
             *noise = kept * *noise + fresh * deviation * draw;
         }
-        [(pedal + self.noise[0]).clamp(-1.0, 1.0), (steer + self.noise[1]).clamp(-1.0, 1.0)]
+        [
+            (pedal + self.noise[0]).clamp(-1.0, 1.0),
+            (steer + self.noise[1]).clamp(-1.0, 1.0),
+        ]
     }
 
     /// Chooses the lane, and the acceleration there.
@@ -172,7 +214,11 @@ impl SimulatedDriver {
         let settled = here == self.lane && lane_offset.abs() < 0.6;
         let own = self.prospect(self.lane, speed);
         let Person { changing, .. } = &self.person;
-        let (politeness, threshold, safe_s) = (changing.politeness, changing.threshold_mps2, changing.safe_s);
+        let (politeness, threshold, safe_s) = (
+            changing.politeness,
+            changing.threshold_mps2,
+            changing.safe_s,
+        );
         let mut best: Option<(f32, usize)> = None;
         for lane in self.lane.saturating_sub(1)..=(self.lane + 1).min(self.cockpit.lanes - 1) {
             // In the middle of a change, the way back is the only other way.
@@ -181,14 +227,16 @@ impl SimulatedDriver {
             }
             let other = self.prospect(lane, speed);
             // MOBIL: ã − a + p (ã_n − a_n + ã_o − a_o) > Δa; leaving frees the car behind, entering hinders another.
-            let gain = other.ahead_mps2 - own.ahead_mps2 + politeness * (other.behind_mps2 - own.behind_mps2);
+            let gain = other.ahead_mps2 - own.ahead_mps2
+                + politeness * (other.behind_mps2 - own.behind_mps2);
             let leisurely = settled
                 && self.since_change_s >= CHANGE_PAUSE_S
                 && gain > threshold
                 && other.meet_s > safe_s
                 && other.gap_m > 2.0 * LEAST_GAP_M;
-            let emergency =
-                own.meet_s < EMERGENCY_S && other.meet_s > own.meet_s + 1.0 && other.gap_m > LEAST_GAP_M;
+            let emergency = own.meet_s < EMERGENCY_S
+                && other.meet_s > own.meet_s + 1.0
+                && other.gap_m > LEAST_GAP_M;
             let score = gain + 10.0 * other.meet_s.min(10.0) * f32::from(u8::from(emergency));
             if (leisurely || emergency) && best.is_none_or(|(most, _)| score > most) {
                 best = Some((score, lane));
@@ -202,13 +250,25 @@ impl SimulatedDriver {
         }
         if here != self.lane || lane_offset.abs() > 0.9 {
             // Until the old lane is left, its car ahead counts if it would be met before.
-            let old = if here != self.lane { here } else { (here as f32 + lane_offset.signum()) as usize };
+            let old = if here != self.lane {
+                here
+            } else {
+                (here as f32 + lane_offset.signum()) as usize
+            };
             let old = old.min(self.cockpit.lanes - 1);
             let gone_m = (here as f32 - old as f32).abs() * self.cockpit.lane_m
-                + if old == here { lane_offset.abs() } else { -lane_offset.abs() };
+                + if old == here {
+                    lane_offset.abs()
+                } else {
+                    -lane_offset.abs()
+                };
             let aside_mps = 0.7 * changing.slant_rad * speed.max(2.0);
             let leave_s = (CLEAR_M - gone_m).max(0.0) / aside_mps
-                + if old == here { self.person.reacting.delay_steps as f32 * self.cockpit.step_s } else { 0.0 };
+                + if old == here {
+                    self.person.reacting.delay_steps as f32 * self.cockpit.step_s
+                } else {
+                    0.0
+                };
             let old = self.prospect(old, speed);
             if leave_s > 0.0 && old.ahead_meet_s < leave_s + 0.3 {
                 acceleration = acceleration.min(old.ahead_mps2);
@@ -223,7 +283,8 @@ impl SimulatedDriver {
     fn prospect(&self, lane: usize, speed: f32) -> Prospect {
         let following = &self.person.following;
         let blind = 1.0 - self.visible_m[0] / super::LIDAR_RANGE_M;
-        let desired = self.cockpit.pace * following.desired_kmh / 3.6 * (1.0 - following.caution * blind);
+        let desired =
+            self.cockpit.pace * following.desired_kmh / 3.6 * (1.0 - following.caution * blind);
         let bumpers = CAR_LENGTH_M / 2.0 + self.cockpit.half_length_m;
         let mut prospect = Prospect {
             ahead_mps2: following.acceleration_mps2 * (1.0 - (speed / desired).powi(4)),
@@ -236,7 +297,8 @@ impl SimulatedDriver {
         let interaction = |gap: f32, follower: f32, leader: f32| {
             let comfort = 2.0 * (following.acceleration_mps2 * following.deceleration_mps2).sqrt();
             let wanted = following.standstill_m
-                + (follower * following.headway_s + follower * (follower - leader) / comfort).max(0.0);
+                + (follower * following.headway_s + follower * (follower - leader) / comfort)
+                    .max(0.0);
             following.acceleration_mps2 * (wanted / gap.max(0.1)).powi(2)
         };
         for car in self.memory.cars() {
@@ -245,7 +307,11 @@ impl SimulatedDriver {
             }
             let gap = car.x_m.abs() - bumpers;
             prospect.gap_m = prospect.gap_m.min(gap);
-            let closing = if car.x_m >= 0.0 { speed - car.speed_mps } else { car.speed_mps - speed };
+            let closing = if car.x_m >= 0.0 {
+                speed - car.speed_mps
+            } else {
+                car.speed_mps - speed
+            };
             let meet_s = match (gap <= 0.0, closing > 0.0) {
                 (true, _) => 0.0,
                 (false, true) => gap / closing,
@@ -253,7 +319,11 @@ impl SimulatedDriver {
             };
             prospect.meet_s = prospect.meet_s.min(meet_s);
             if car.x_m >= 0.0 {
-                let slowed = free - interaction(gap, speed, car.speed_mps);
+                // IDM brakes for the gap that it would like; nobody brakes much harder than it takes not to touch.
+                let needed =
+                    closing.max(0.0).powi(2) / (2.0 * (gap - following.standstill_m).max(0.5));
+                let least = -(MARGIN * needed + following.deceleration_mps2 / 2.0);
+                let slowed = (free - interaction(gap, speed, car.speed_mps)).max(least);
                 prospect.ahead_meet_s = prospect.ahead_meet_s.min(meet_s);
                 prospect.ahead_mps2 = prospect.ahead_mps2.min(slowed.max(-FULL_BRAKE_MPS2));
             } else {
@@ -264,3 +334,6 @@ impl SimulatedDriver {
         prospect
     }
 }
+
+#[cfg(test)]
+mod tests;

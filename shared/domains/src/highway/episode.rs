@@ -1,8 +1,8 @@
 //! A round without processes: world, driver and whatever decides what is shown, in one loop.
 
+use super::Observation;
 use super::driver::{Shown, SimulatedDriver};
 use super::world::{End, Outcome, World};
-use super::Observation;
 
 /// A step of a round.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +51,12 @@ pub fn run(
         round.steps += 1;
         round.reward += f64::from(outcome.reward);
         if let (Some(trace), Some(observation)) = (trace.as_deref_mut(), before) {
-            trace.push(TraceStep { observation, shown, action, outcome });
+            trace.push(TraceStep {
+                observation,
+                shown,
+                action,
+                outcome,
+            });
         }
         if outcome.end != End::Running {
             round.collided = outcome.collided;
@@ -63,7 +68,12 @@ pub fn run(
 }
 
 /// A round of a case for a person: resets both, then drives without communication.
-pub fn run_silent(world: &mut World, driver: &mut SimulatedDriver, seed: u64, episode: u32) -> Round {
+pub fn run_silent(
+    world: &mut World,
+    driver: &mut SimulatedDriver,
+    seed: u64,
+    episode: u32,
+) -> Round {
     world.reset(seed, episode);
     driver.reset(seed, episode);
     run(world, driver, |_, _| Shown::default(), None)

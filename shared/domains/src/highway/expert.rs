@@ -47,7 +47,12 @@ impl Expert {
     /// An expert for a world.
     pub fn new(world: &World) -> Self {
         let cockpit = Cockpit::new(world.scene(), world.road(), world.ego().at.s_m);
-        Self { cockpit, lane: world.ego().lane, cars: [Imagined::default(); MAX_CARS], count: 0 }
+        Self {
+            cockpit,
+            lane: world.ego().lane,
+            cars: [Imagined::default(); MAX_CARS],
+            count: 0,
+        }
     }
 
     /// Prepares for a new round of the same world.
@@ -62,7 +67,11 @@ impl Expert {
         let road = world.road();
         let mut best = (f64::NEG_INFINITY, self.lane, SPEEDS_MPS[0]);
         for lane in self.lane.saturating_sub(1)..=(self.lane + 1).min(road.lanes().len() - 1) {
-            let delays: &[f64] = if lane == self.lane { &DELAYS_S[..1] } else { &DELAYS_S };
+            let delays: &[f64] = if lane == self.lane {
+                &DELAYS_S[..1]
+            } else {
+                &DELAYS_S
+            };
             for &delay in delays {
                 for speed in SPEEDS_MPS {
                     let mut value = self.imagine(world, lane, delay, speed);
@@ -82,8 +91,15 @@ impl Expert {
         let error = wrap_angle(ego.pose.heading_rad - road.heading_rad(s));
         let curvature = road.turn_ahead_rad(s, EGO_AHEAD_M / 2.0) / (EGO_AHEAD_M / 2.0);
         let speed = ego.speed_mps as f32;
-        let steer =
-            self.cockpit.steer(aside as f32, error as f32, curvature as f32, speed, 0.8, 0.25, 0.4);
+        let steer = self.cockpit.steer(
+            aside as f32,
+            error as f32,
+            curvature as f32,
+            speed,
+            0.8,
+            0.25,
+            0.4,
+        );
         let acceleration = ((best.2 - ego.speed_mps) / 0.4).clamp(-7.0, 4.0) as f32;
         [self.cockpit.pedal(acceleration, speed), steer]
     }
@@ -129,7 +145,11 @@ impl Expert {
         let (mut at, mut speed) = (ego.at, ego.speed_mps);
         let (half_length, half_width) = (ego.length_m / 2.0, ego.width_m / 2.0);
         let mut cars = self.cars;
-        let mut value = if lane == self.lane { 0.0 } else { -weights.change };
+        let mut value = if lane == self.lane {
+            0.0
+        } else {
+            -weights.change
+        };
         let mut discount = 1.0;
         let steps = (HORIZON_S / STEP_S) as usize;
         for step in 0..steps {
@@ -144,10 +164,14 @@ impl Expert {
             let near = road.lane_near(at);
             let mut close = false;
             for car in &mut cars[..self.count] {
-                let cruise = if car.s >= car.slows_at { car.slow } else { car.cruise };
+                let cruise = if car.s >= car.slows_at {
+                    car.slow
+                } else {
+                    car.cruise
+                };
                 if world.moving() || ego.speed_mps > 0.0 || wanted > 0.0 {
-                    car.speed +=
-                        (cruise - car.speed).clamp(-car.deceleration * STEP_S, car.acceleration * STEP_S);
+                    car.speed += (cruise - car.speed)
+                        .clamp(-car.deceleration * STEP_S, car.acceleration * STEP_S);
                     car.s += car.speed * STEP_S;
                 }
                 let along = (car.s - at.s_m).abs() - half_length - car.half_length;

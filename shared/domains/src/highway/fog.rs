@@ -4,7 +4,11 @@ use super::scene::FogSpec;
 use super::{AZIMUTHS, LIDAR_RANGE_M};
 
 /// Distances of the shipped fog scene, in whose proportions `--fog METRES` scales (README of the scenes).
-pub(crate) const PATTERN: FogSpec = FogSpec { front_m: 13.0, side_m: 8.0, rear_m: 3.0 };
+pub(crate) const PATTERN: FogSpec = FogSpec {
+    front_m: 15.0,
+    side_m: 8.0,
+    rear_m: 3.0,
+};
 
 /// Distance, in metres and per azimuth, up to which a person with average eyes sees a car.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +20,9 @@ pub struct Fog {
 impl Fog {
     /// No fog: everything in the LIDAR's range is visible.
     pub fn clear() -> Self {
-        Self { visible_m: [LIDAR_RANGE_M; AZIMUTHS] }
+        Self {
+            visible_m: [LIDAR_RANGE_M; AZIMUTHS],
+        }
     }
 
     /// Fog that lets one see `front_m` ahead, `side_m` at right angles and `rear_m` behind, and in between the ellipse
@@ -26,7 +32,8 @@ impl Fog {
         for (azimuth, visible) in visible_m.iter_mut().enumerate() {
             let angle = azimuth as f32 * std::f32::consts::TAU / AZIMUTHS as f32;
             let ends = if angle.cos() > 0.0 { front_m } else { rear_m };
-            let square = (angle.cos() / ends.max(1e-3)).powi(2) + (angle.sin() / side_m.max(1e-3)).powi(2);
+            let square =
+                (angle.cos() / ends.max(1e-3)).powi(2) + (angle.sin() / side_m.max(1e-3)).powi(2);
             *visible = square.sqrt().recip().min(LIDAR_RANGE_M);
         }
         Self { visible_m }

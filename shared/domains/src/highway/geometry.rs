@@ -25,8 +25,10 @@ impl OrientedBox {
         // Cosine and sine of the angle between them, as projections of unit vectors on each other.
         let cos = (self.cos * other.cos + self.sin * other.sin).abs();
         let sin = (self.cos * other.sin - self.sin * other.cos).abs();
-        let apart = |along: f64, half: f64, length: f64, width: f64| along.abs() > half + length + width;
-        let reach = |first: f64, second: f64, b: &Self| (b.half_length_m * first, b.half_width_m * second);
+        let apart =
+            |along: f64, half: f64, length: f64, width: f64| along.abs() > half + length + width;
+        let reach =
+            |first: f64, second: f64, b: &Self| (b.half_length_m * first, b.half_width_m * second);
         let (l, w) = reach(cos, sin, other);
         let (l2, w2) = reach(sin, cos, other);
         let (l3, w3) = reach(cos, sin, self);

@@ -6,7 +6,8 @@ use super::{AZIMUTHS, BEAMS, HEIGHT_BANDS, LIDAR_RANGE_M, Observation};
 
 /// A passenger car's silhouette in a height band: shares of its length and width, and how far the part's centre lies
 /// behind the box's, as a share of the length. Below 0.5 m the bumpers, 0.5–1.0 m the body, 1.0–1.7 m the cabin.
-const SILHOUETTE: [[f64; 3]; HEIGHT_BANDS] = [[1.0, 1.0, 0.0], [0.96, 1.0, 0.0], [0.55, 0.85, 0.08]];
+const SILHOUETTE: [[f64; 3]; HEIGHT_BANDS] =
+    [[1.0, 1.0, 0.0], [0.96, 1.0, 0.0], [0.55, 0.85, 0.08]];
 
 /// Directions of the beams in the car's frame.
 #[derive(Clone, Debug)]
@@ -26,7 +27,11 @@ impl Default for Lidar {
 
 /// The part of a car that a height band sees.
 pub(crate) fn silhouette(car: &CarState, band: usize) -> OrientedBox {
-    let [length, width, back] = if car.tall { [1.0, 1.0, 0.0] } else { SILHOUETTE[band] };
+    let [length, width, back] = if car.tall {
+        [1.0, 1.0, 0.0]
+    } else {
+        SILHOUETTE[band]
+    };
     let shift = back * 2.0 * car.half_length_m;
     OrientedBox {
         x_m: car.x_m - shift * car.cos,
@@ -47,7 +52,15 @@ impl Lidar {
     }
 
     /// Casts the beams of a sensor at (x, y) with direction (cos, sin) against one car, keeping whatever is nearer.
-    pub fn cast(&self, x_m: f64, y_m: f64, cos: f64, sin: f64, car: &CarState, out: &mut Observation) {
+    pub fn cast(
+        &self,
+        x_m: f64,
+        y_m: f64,
+        cos: f64,
+        sin: f64,
+        car: &CarState,
+        out: &mut Observation,
+    ) {
         let (dx, dy) = (car.x_m - x_m, car.y_m - y_m);
         let square = dx * dx + dy * dy;
         let radius = car.half_length_m.hypot(car.half_width_m);
@@ -68,15 +81,19 @@ impl Lidar {
             if high < low {
                 return;
             }
-            (low.rem_euclid(AZIMUTHS as i64) as usize, (high - low + 1) as usize)
+            (
+                low.rem_euclid(AZIMUTHS as i64) as usize,
+                (high - low + 1) as usize,
+            )
         };
         let parts: [OrientedBox; HEIGHT_BANDS] = std::array::from_fn(|band| silhouette(car, band));
         for offset in 0..count {
             let azimuth = (first + offset) % AZIMUTHS;
             let (bx, by) = self.beams[azimuth];
             let (ux, uy) = (bx * cos - by * sin, bx * sin + by * cos);
-            let nearest =
-                (0..HEIGHT_BANDS).map(|band| out.range[band * AZIMUTHS + azimuth]).fold(1.0, f32::min);
+            let nearest = (0..HEIGHT_BANDS)
+                .map(|band| out.range[band * AZIMUTHS + azimuth])
+                .fold(1.0, f32::min);
             for (band, part) in parts.iter().enumerate() {
                 let Some(distance) = part.distance_along(x_m, y_m, ux, uy) else {
                     continue;

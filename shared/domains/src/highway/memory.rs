@@ -52,7 +52,11 @@ pub(crate) struct Memory {
 
 impl Memory {
     pub(crate) fn new() -> Self {
-        Self { cars: [Known::default(); MOST], count: 0, curvature_behind: 0.0 }
+        Self {
+            cars: [Known::default(); MOST],
+            count: 0,
+            curvature_behind: 0.0,
+        }
     }
 
     pub(crate) fn clear(&mut self) {
@@ -78,7 +82,8 @@ impl Memory {
             car.unseen += 1;
         }
         let curvature = observation.ego[4] * std::f32::consts::PI / EGO_AHEAD_M as f32;
-        self.curvature_behind += (curvature - self.curvature_behind) * (own * cockpit.step_s / 20.0).min(1.0);
+        self.curvature_behind +=
+            (curvature - self.curvature_behind) * (own * cockpit.step_s / 20.0).min(1.0);
         let (sin, cos) = (observation.ego[0] * std::f32::consts::PI).sin_cos();
         let road_offset = observation.ego[3] * EGO_ROAD_M;
         let mut sightings = [Sighting::default(); AZIMUTHS];
@@ -92,14 +97,26 @@ impl Memory {
             let (ahead, left) = (range_m * angle.cos(), range_m * angle.sin());
             // Into the road's frame: turned by the heading error, straightened by the road's curvature.
             let x = ahead * cos - left * sin;
-            let bend = if x > 0.0 { curvature } else { self.curvature_behind };
+            let bend = if x > 0.0 {
+                curvature
+            } else {
+                self.curvature_behind
+            };
             let y = road_offset + ahead * sin + left * cos - 0.5 * bend * x * x;
-            let place = (0..count).find(|&index| sightings[index].id == object).unwrap_or(count);
+            let place = (0..count)
+                .find(|&index| sightings[index].id == object)
+                .unwrap_or(count);
             let sighting = &mut sightings[place];
             if place == count {
                 count += 1;
-                *sighting =
-                    Sighting { id: object, nearest_x_m: x, farthest_x_m: x, left_m: 0.0, count: 0.0, speed_mps: 0.0 };
+                *sighting = Sighting {
+                    id: object,
+                    nearest_x_m: x,
+                    farthest_x_m: x,
+                    left_m: 0.0,
+                    count: 0.0,
+                    speed_mps: 0.0,
+                };
             }
             sighting.nearest_x_m = sighting.nearest_x_m.min(x);
             sighting.farthest_x_m = sighting.farthest_x_m.max(x);
@@ -134,28 +151,49 @@ impl Memory {
         // All returns come from within the car: that bounds its centre.
         let half = CAR_LENGTH_M / 2.0;
         let (low, high) = (sighting.farthest_x_m - half, sighting.nearest_x_m + half);
-        let known = self.cars[..self.count].iter().position(|car| car.id == sighting.id);
+        let known = self.cars[..self.count]
+            .iter()
+            .position(|car| car.id == sighting.id);
         let expected = match known {
             Some(index) => self.cars[index].x_m,
             None if sighting.nearest_x_m > 0.0 => high,
             None if sighting.farthest_x_m < 0.0 => low,
             None => (low + high) / 2.0,
         };
-        let x_m = if low <= high { expected.clamp(low, high) } else { (low + high) / 2.0 };
-        let car = Known { id: sighting.id, x_m, lane, speed_mps: sighting.speed_mps, unseen: 0 };
+        let x_m = if low <= high {
+            expected.clamp(low, high)
+        } else {
+            (low + high) / 2.0
+        };
+        let car = Known {
+            id: sighting.id,
+            x_m,
+            lane,
+            speed_mps: sighting.speed_mps,
+            unseen: 0,
+        };
         match known {
             Some(index) => self.cars[index] = car,
             None => self.remember(car),
         }
         // This may be the car that was spoken of.
-        let near = |other: &Known| other.id < 0 && other.lane == lane && (other.x_m - x_m).abs() < 2.0 * CAR_LENGTH_M;
+        let near = |other: &Known| {
+            other.id < 0 && other.lane == lane && (other.x_m - x_m).abs() < 2.0 * CAR_LENGTH_M
+        };
         while let Some(index) = self.cars[..self.count].iter().position(near) {
             self.forget(index);
         }
     }
 
     /// Takes in an utterance: its kind, and roughly where the car is.
-    pub(crate) fn hear(&mut self, sector: usize, heard: &Heard, here: usize, lane_m: f32, lanes: usize) {
+    pub(crate) fn hear(
+        &mut self,
+        sector: usize,
+        heard: &Heard,
+        here: usize,
+        lane_m: f32,
+        lanes: usize,
+    ) {
         if sector >= SECTORS {
             return;
         }
@@ -183,7 +221,13 @@ impl Memory {
         let reach = (heard.range_m.powi(2) - aside * aside).max(0.0).sqrt();
         let x_m = direction * (reach + CAR_LENGTH_M / 2.0);
         let id = -1 - sector as i32;
-        let car = Known { id, x_m, lane, speed_mps: heard.speed_mps, unseen: 0 };
+        let car = Known {
+            id,
+            x_m,
+            lane,
+            speed_mps: heard.speed_mps,
+            unseen: 0,
+        };
         // The car may be known already, by sight or from an earlier utterance.
         let same = |known: &Known| {
             known.id == id || known.lane == lane && (known.x_m - x_m).abs() < 2.0 * CAR_LENGTH_M

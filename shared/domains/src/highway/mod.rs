@@ -4,9 +4,11 @@
 //! [−1, 1], steer left positive.
 
 pub mod control;
+pub mod display;
 pub mod driver;
 pub mod episode;
 pub mod expert;
+pub mod file;
 pub mod fog;
 pub mod geometry;
 pub mod lidar;
@@ -21,10 +23,11 @@ pub mod world;
 pub use control::Cockpit;
 pub use driver::{Shown, SimulatedDriver};
 pub use expert::Expert;
+pub use file::FileError;
 pub use fog::Fog;
 pub use person::Person;
 pub use road::Road;
-pub use scene::{FileError, Scene};
+pub use scene::Scene;
 pub use speech::{Heard, UtteranceKind};
 pub use world::{Case, End, Outcome, World};
 

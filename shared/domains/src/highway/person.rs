@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::scene::{Check, FileError, parse, read};
+use super::file::{Check, FileError, parse, read};
 use super::{AZIMUTHS, Fog, LIDAR_RANGE_M};
 
 macro_rules! people {
@@ -109,14 +109,15 @@ impl Person {
     /// When there is none of that number.
     pub fn builtin(id: u32) -> Result<Self, FileError> {
         let file = PathBuf::from(format!("people/highway/{id:02}.toml"));
-        let text = (id as usize).checked_sub(1).and_then(|index| PEOPLE.get(index)).ok_or_else(|| {
-            FileError::Range {
+        let text = (id as usize)
+            .checked_sub(1)
+            .and_then(|index| PEOPLE.get(index))
+            .ok_or_else(|| FileError::Range {
                 file: "simulated people".into(),
                 key: "id".to_owned(),
                 value: f64::from(id),
                 expected: format!("1 to {}", PEOPLE.len()),
-            }
-        })?;
+            })?;
         Self::from_toml(&file, text)
     }
 
@@ -135,7 +136,13 @@ impl Person {
     pub fn from_toml(file: &Path, text: &str) -> Result<Self, FileError> {
         let person: Self = parse(file, text)?;
         let check = Check { file };
-        let Self { sight, following, changing, reacting, .. } = &person;
+        let Self {
+            sight,
+            following,
+            changing,
+            reacting,
+            ..
+        } = &person;
         for (key, value, low, high) in [
             ("sight.fog_front_factor", sight.fog_front_factor, 0.0, 10.0),
             ("sight.fog_side_factor", sight.fog_side_factor, 0.0, 10.0),
@@ -146,13 +153,33 @@ impl Person {
             ("following.caution", following.caution, 0.0, 0.9),
             ("following.headway_s", following.headway_s, 0.1, 10.0),
             ("following.standstill_m", following.standstill_m, 0.1, 20.0),
-            ("following.acceleration_mps2", following.acceleration_mps2, 0.1, 10.0),
-            ("following.deceleration_mps2", following.deceleration_mps2, 0.1, 10.0),
+            (
+                "following.acceleration_mps2",
+                following.acceleration_mps2,
+                0.1,
+                10.0,
+            ),
+            (
+                "following.deceleration_mps2",
+                following.deceleration_mps2,
+                0.1,
+                10.0,
+            ),
             ("changing.politeness", changing.politeness, 0.0, 5.0),
-            ("changing.threshold_mps2", changing.threshold_mps2, 0.0, 10.0),
+            (
+                "changing.threshold_mps2",
+                changing.threshold_mps2,
+                0.0,
+                10.0,
+            ),
             ("changing.safe_s", changing.safe_s, 0.1, 20.0),
             ("changing.slant_rad", changing.slant_rad, 0.01, 0.6),
-            ("reacting.delay_steps", reacting.delay_steps as f32, 0.0, MAX_DELAY as f32),
+            (
+                "reacting.delay_steps",
+                reacting.delay_steps as f32,
+                0.0,
+                MAX_DELAY as f32,
+            ),
             ("reacting.pedal_noise", reacting.pedal_noise, 0.0, 1.0),
             ("reacting.steer_noise", reacting.steer_noise, 0.0, 1.0),
             ("reacting.noise_memory", reacting.noise_memory, 0.0, 0.999),
@@ -169,7 +196,11 @@ impl Person {
         let sight = &self.sight;
         std::array::from_fn(|azimuth| {
             let angle = azimuth as f32 * std::f32::consts::TAU / AZIMUTHS as f32;
-            let ends = if angle.cos() > 0.0 { sight.fog_front_factor } else { sight.fog_rear_factor };
+            let ends = if angle.cos() > 0.0 {
+                sight.fog_front_factor
+            } else {
+                sight.fog_rear_factor
+            };
             let (along, across) = (angle.cos().powi(2), angle.sin().powi(2));
             let clear = match azimuth {
                 11..=15 | 21..=25 => sight.shoulder_m,

@@ -3,8 +3,12 @@
 //! `s` is arc length along the reference line and `d` the offset from it, left positive, both in metres. Lanes are
 //! numbered from the right: lane 0 is the rightmost.
 
+mod polylines;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+pub use polylines::LaneEdges;
 
 /// Distance between the samples that a road is stored as, in metres.
 ///
@@ -43,15 +47,6 @@ pub struct Segment {
     /// Curvature in 1/m, positive to the left.
     #[serde(default)]
     pub curvature_per_m: f64,
-}
-
-/// A lane given by its two edges, as CommonRoad's lanelets are; the points run in driving direction.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LaneEdges {
-    /// Points of the left edge, in metres.
-    pub left: Vec<[f64; 2]>,
-    /// Points of the right edge, in metres.
-    pub right: Vec<[f64; 2]>,
 }
 
 /// Where a point lies along a road.
@@ -111,11 +106,21 @@ pub struct Road {
     right_shoulder_m: f64,
 }
 
-fn in_range(what: &str, value: f64, low: f64, high: f64, expected: &'static str) -> Result<(), RoadError> {
+fn in_range(
+    what: &str,
+    value: f64,
+    low: f64,
+    high: f64,
+    expected: &'static str,
+) -> Result<(), RoadError> {
     if value.is_finite() && (low..=high).contains(&value) {
         Ok(())
     } else {
-        Err(RoadError::Value { what: what.to_owned(), value, expected })
+        Err(RoadError::Value {
+            what: what.to_owned(),
+            value,
+            expected,
+        })
     }
 }
 
@@ -123,7 +128,11 @@ fn in_range(what: &str, value: f64, low: f64, high: f64, expected: &'static str)
 pub fn wrap_angle(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     let wrapped = angle - turn * (angle / turn).round();
-    if wrapped <= -std::f64::consts::PI { wrapped + turn } else { wrapped }
+    if wrapped <= -std::f64::consts::PI {
+        wrapped + turn
+    } else {
+        wrapped
+    }
 }
 
 impl Road {
@@ -148,8 +157,20 @@ impl Road {
         }
         for (index, segment) in segments.iter().enumerate() {
             let name = |what| format!("{what} of segment {}", index + 1);
-            in_range(&name("length"), segment.length_m, 0.01, 1e5, "0.01 to 100000 m")?;
-            in_range(&name("curvature"), segment.curvature_per_m, -0.05, 0.05, "-0.05 to 0.05 per m")?;
+            in_range(
+                &name("length"),
+                segment.length_m,
+                0.01,
+                1e5,
+                "0.01 to 100000 m",
+            )?;
+            in_range(
+                &name("curvature"),
+                segment.curvature_per_m,
+                -0.05,
+                0.05,
+                "-0.05 to 0.05 per m",
+            )?;
         }
         let length: f64 = segments.iter().map(|segment| segment.length_m).sum();
         if segments.is_empty() {
@@ -173,7 +194,14 @@ impl Road {
             let curvature = segments[index].curvature_per_m;
             let (dx, dy, turn) = along(s - start, curvature, heading);
             let at = heading + turn;
-            samples.push(Sample { x: x + dx, y: y + dy, tx: at.cos(), ty: at.sin(), heading: at, curvature });
+            samples.push(Sample {
+                x: x + dx,
+                y: y + dy,
+                tx: at.cos(),
+                ty: at.sin(),
+                heading: at,
+                curvature,
+            });
         }
         let middle = (lanes as f64 - 1.0) / 2.0;
         let lanes = (0..lanes)
@@ -185,57 +213,13 @@ impl Road {
                 core: true,
             })
             .collect();
-        Ok(Self { samples, step_m, lanes, left_shoulder_m, right_shoulder_m })
-    }
-
-    /// A road along `reference`, with lanes given by their edges. Lanes are sorted from right to left; a lane may begin
-    /// and end anywhere along the reference line.
-    ///
-    /// # Errors
-    /// When the reference line has no length, no lane lies beside it, or a number is not finite.
-    pub fn from_polylines(
-        reference: &[[f64; 2]],
-        lanes: &[LaneEdges],
-        left_shoulder_m: f64,
-        right_shoulder_m: f64,
-    ) -> Result<Self, RoadError> {
-        in_range("left shoulder", left_shoulder_m, 0.0, 20.0, "0 to 20 m")?;
-        in_range("right shoulder", right_shoulder_m, 0.0, 20.0, "0 to 20 m")?;
-        let edges = lanes.iter().flat_map(|lane| lane.left.iter().chain(&lane.right));
-        for point in reference.iter().chain(edges) {
-            for value in point {
-                in_range("a point's coordinate", *value, -1e8, 1e8, "a finite number of metres")?;
-            }
-        }
-        let samples = resample(reference)?;
-        let length = samples.1 * (samples.0.len() - 1) as f64;
-        let mut road =
-            Self { samples: samples.0, step_m: samples.1, lanes: Vec::new(), left_shoulder_m, right_shoulder_m };
-        let count = road.samples.len();
-        for edges in lanes {
-            let (Some(left), Some(right)) = (road.profile(&edges.left), road.profile(&edges.right)) else {
-                continue;
-            };
-            let from_m = left.first_s.max(right.first_s).max(0.0);
-            let to_m = left.last_s.min(right.last_s).min(length);
-            if to_m <= from_m {
-                continue;
-            }
-            let mut lane =
-                Lane { from_m, to_m, offset: Vec::with_capacity(count), width: Vec::with_capacity(count), core: true };
-            for index in 0..count {
-                let s = (index as f64 * road.step_m).clamp(from_m, to_m);
-                let (l, r) = (left.at(s), right.at(s));
-                lane.offset.push(((l + r) / 2.0) as f32);
-                lane.width.push(((l - r).abs()).max(0.1) as f32);
-            }
-            road.lanes.push(lane);
-        }
-        if road.lanes.is_empty() {
-            return Err(RoadError::NoLane);
-        }
-        road.lanes.sort_by(|a, b| a.middle().total_cmp(&b.middle()));
-        Ok(road)
+        Ok(Self {
+            samples,
+            step_m,
+            lanes,
+            left_shoulder_m,
+            right_shoulder_m,
+        })
     }
 
     /// Length of the reference line in metres.
@@ -263,10 +247,24 @@ impl Road {
         if (0.0..=1.0).contains(&t) {
             let (tx, ty) = (a.tx + t * (b.tx - a.tx), a.ty + t * (b.ty - a.ty));
             let norm = 1.0 / (tx * tx + ty * ty).sqrt();
-            (a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), tx * norm, ty * norm)
+            (
+                a.x + t * (b.x - a.x),
+                a.y + t * (b.y - a.y),
+                tx * norm,
+                ty * norm,
+            )
         } else {
-            let (end, beyond) = if t < 0.0 { (a, t * self.step_m) } else { (b, (t - 1.0) * self.step_m) };
-            (end.x + beyond * end.tx, end.y + beyond * end.ty, end.tx, end.ty)
+            let (end, beyond) = if t < 0.0 {
+                (a, t * self.step_m)
+            } else {
+                (b, (t - 1.0) * self.step_m)
+            };
+            (
+                end.x + beyond * end.tx,
+                end.y + beyond * end.ty,
+                end.tx,
+                end.ty,
+            )
         }
     }
 
@@ -279,7 +277,11 @@ impl Road {
     /// World pose of (s, d), heading along the road.
     pub fn pose(&self, point: RoadPoint) -> Pose {
         let (x_m, y_m, tx, ty) = self.place(point.s_m, point.d_m);
-        Pose { x_m, y_m, heading_rad: ty.atan2(tx) }
+        Pose {
+            x_m,
+            y_m,
+            heading_rad: ty.atan2(tx),
+        }
     }
 
     /// Direction of the road at `s_m`, in radians and not wrapped.
@@ -325,7 +327,11 @@ impl Road {
             let along = dx * tx + dy * ty;
             d = dy * tx - dx * ty;
             let beyond = s < 0.0 || s > self.length_m();
-            let slope = if beyond { 1.0 } else { (1.0 - d * self.curvature_per_m(s)).clamp(0.25, 4.0) };
+            let slope = if beyond {
+                1.0
+            } else {
+                (1.0 - d * self.curvature_per_m(s)).clamp(0.25, 4.0)
+            };
             s += along / slope;
             if along.abs() < 1e-9 {
                 break;
@@ -350,7 +356,9 @@ impl Road {
     pub fn lane_near(&self, point: RoadPoint) -> usize {
         let mut best = (f64::INFINITY, 0);
         for (index, lane) in self.lanes.iter().enumerate() {
-            let beyond = (lane.from_m - point.s_m).max(point.s_m - lane.to_m).max(0.0);
+            let beyond = (lane.from_m - point.s_m)
+                .max(point.s_m - lane.to_m)
+                .max(0.0);
             let offset = f64::from(self.interpolate(&lane.offset, point.s_m));
             let distance = (point.d_m - offset).abs() + 100.0 * beyond;
             if distance < best.0 {
@@ -369,7 +377,12 @@ impl Road {
             (lane.from_m, lane.to_m)
         };
         let over = (s_m + 4.0).min(to_m) - (s_m - 4.0).max(from_m);
-        self.heading_rad(s_m) + if over > 0.0 { (change / over).atan() } else { 0.0 }
+        self.heading_rad(s_m)
+            + if over > 0.0 {
+                (change / over).atan()
+            } else {
+                0.0
+            }
     }
 
     /// Whether a point lies on one of the lanes. A lane reaches some metres past its ends, because maps are cut at an
@@ -439,47 +452,11 @@ impl Road {
         let index = (position as usize).min(last - 1);
         values[index] + (position - index as f64) as f32 * (values[index + 1] - values[index])
     }
-
-    /// An edge's offset as a function of s, or nothing where it has fewer than two points that advance along the road.
-    fn profile(&self, points: &[[f64; 2]]) -> Option<Profile> {
-        let mut knots: Vec<(f64, f64)> = Vec::with_capacity(points.len());
-        for point in points {
-            let at = match knots.last() {
-                Some(last) => {
-                    let near = self.project_near(point[0], point[1], last.0);
-                    // A jump that Newton's method cannot follow is found by searching everywhere.
-                    let (x, y, _, _) = self.place(near.s_m, near.d_m);
-                    if (x - point[0]).hypot(y - point[1]) < 0.1 { near } else { self.project(point[0], point[1]) }
-                }
-                None => self.project(point[0], point[1]),
-            };
-            if knots.last().is_none_or(|last| at.s_m > last.0 + 1e-6) {
-                knots.push((at.s_m, at.d_m));
-            }
-        }
-        let (first, last) = (knots.first()?.0, knots.last()?.0);
-        (knots.len() >= 2).then_some(Profile { first_s: first, last_s: last, knots })
-    }
 }
 
 impl Lane {
     fn middle(&self) -> f64 {
         f64::from(self.offset[self.offset.len() / 2])
-    }
-}
-
-struct Profile {
-    first_s: f64,
-    last_s: f64,
-    knots: Vec<(f64, f64)>,
-}
-
-impl Profile {
-    fn at(&self, s: f64) -> f64 {
-        let after = self.knots.partition_point(|knot| knot.0 < s).clamp(1, self.knots.len() - 1);
-        let (a, b) = (self.knots[after - 1], self.knots[after]);
-        let t = ((s - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
-        a.1 + t * (b.1 - a.1)
     }
 }
 
@@ -491,62 +468,10 @@ fn along(length: f64, curvature: f64, heading: f64) -> (f64, f64, f64) {
     } else {
         let radius = 1.0 / curvature;
         let end = heading + turn;
-        (radius * (end.sin() - heading.sin()), radius * (heading.cos() - end.cos()), turn)
+        (
+            radius * (end.sin() - heading.sin()),
+            radius * (heading.cos() - end.cos()),
+            turn,
+        )
     }
-}
-
-/// Samples at equal distances along a polyline, with headings from central differences.
-fn resample(points: &[[f64; 2]]) -> Result<(Vec<Sample>, f64), RoadError> {
-    let mut kept: Vec<[f64; 2]> = Vec::with_capacity(points.len());
-    let mut arc: Vec<f64> = Vec::with_capacity(points.len());
-    for point in points {
-        match kept.last() {
-            Some(last) => {
-                let distance = (point[0] - last[0]).hypot(point[1] - last[1]);
-                if distance > 1e-6 {
-                    arc.push(arc[arc.len() - 1] + distance);
-                    kept.push(*point);
-                }
-            }
-            None => {
-                kept.push(*point);
-                arc.push(0.0);
-            }
-        }
-    }
-    let length = arc.last().copied().unwrap_or(0.0);
-    if kept.len() < 2 {
-        return Err(RoadError::Empty);
-    }
-    in_range("road length", length, 1.0, 1e5, "1 to 100000 m")?;
-    let count = ((length / SAMPLE_M).ceil() as usize + 1).clamp(3, MAX_SAMPLES);
-    let step = length / (count - 1) as f64;
-    let mut segment = 0;
-    let mut positions = Vec::with_capacity(count);
-    for index in 0..count {
-        let s = (index as f64 * step).min(length);
-        while segment + 2 < kept.len() && s > arc[segment + 1] {
-            segment += 1;
-        }
-        let t = (s - arc[segment]) / (arc[segment + 1] - arc[segment]);
-        let (a, b) = (kept[segment], kept[segment + 1]);
-        positions.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
-    }
-    let mut samples: Vec<Sample> = Vec::with_capacity(count);
-    for index in 0..count {
-        // Over ± 4 samples: lanelet points lie metres apart, and a heading that jumps at each would be no road's.
-        let (a, b) = (positions[index.saturating_sub(4)], positions[(index + 4).min(count - 1)]);
-        let raw = (b[1] - a[1]).atan2(b[0] - a[0]);
-        let heading = match samples.last() {
-            Some(last) => last.heading + wrap_angle(raw - last.heading),
-            None => raw,
-        };
-        let (ty, tx) = heading.sin_cos();
-        samples.push(Sample { x: positions[index][0], y: positions[index][1], tx, ty, heading, curvature: 0.0 });
-    }
-    for index in 0..count {
-        let (a, b) = (index.saturating_sub(1), (index + 1).min(count - 1));
-        samples[index].curvature = (samples[b].heading - samples[a].heading) / ((b - a) as f64 * step);
-    }
-    Ok((samples, step))
 }

@@ -1,126 +1,31 @@
 //! Scene files: every number of the highway (DESIGN §4 and §11), with the defaults given there.
 
-use std::ops::Range;
-use std::path::{Path, PathBuf};
+mod traffic;
+
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
+pub use super::file::FileError;
+use super::file::{Check, parse, read};
 use super::fog::Fog;
 use super::road::{Road, RoadError, Segment};
 use super::traffic::Course;
-use crate::commonroad::CommonRoadError;
+
+pub use traffic::{CaseOrder, ExtraCar, Traffic};
 
 /// Scenes that ship with the project: name and contents.
-const BUILTIN: [(&str, &str); 2] = [
-    ("highway-fog", include_str!("../../../../launch/scenes/highway-fog.toml")),
-    ("highway-clear", include_str!("../../../../launch/scenes/highway-clear.toml")),
+pub(super) const BUILTIN: [(&str, &str); 2] = [
+    (
+        "highway-fog",
+        include_str!("../../../../launch/scenes/highway-fog.toml"),
+    ),
+    (
+        "highway-clear",
+        include_str!("../../../../launch/scenes/highway-clear.toml"),
+    ),
 ];
-
-/// Why a file could not be used; every variant names the file and, where there is one, the place in it.
-#[derive(Debug, Error)]
-pub enum FileError {
-    /// The file could not be read.
-    #[error("{file}: {source}")]
-    Read {
-        /// The file.
-        file: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// Not TOML, not UTF-8, an unknown key, a missing key or a value of the wrong type.
-    #[error("{file}:{line}:{column}: {message}")]
-    Parse {
-        /// The file.
-        file: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Column in characters, from 1.
-        column: usize,
-        /// What is wrong there.
-        message: String,
-    },
-    /// A value outside its range.
-    #[error("{file}: {key} is {value}, expected {expected}")]
-    Range {
-        /// The file.
-        file: PathBuf,
-        /// The key, as a dotted path.
-        key: String,
-        /// Its value.
-        value: f64,
-        /// What it may be.
-        expected: String,
-    },
-    /// A road that cannot be built.
-    #[error("{file}: [road]: {source}")]
-    Road {
-        /// The file.
-        file: PathBuf,
-        /// What is wrong with it.
-        source: RoadError,
-    },
-    /// A CommonRoad scenario that cannot be driven.
-    #[error(transparent)]
-    CommonRoad(#[from] CommonRoadError),
-    /// No scene of that name ships with the project.
-    #[error("no scene is called {name:?}; there are {}", BUILTIN.map(|(name, _)| name).join(", "))]
-    Unknown {
-        /// The name.
-        name: String,
-    },
-}
-
-/// Reads a whole file as TOML.
-pub(crate) fn parse<T: serde::de::DeserializeOwned>(file: &Path, text: &str) -> Result<T, FileError> {
-    toml::from_str(text).map_err(|error| {
-        let (line, column) = position(text, error.span().unwrap_or(0..0));
-        FileError::Parse { file: file.to_owned(), line, column, message: error.message().to_owned() }
-    })
-}
-
-/// Reads a file's text; bytes that are not UTF-8 are an error with their place.
-pub(crate) fn read(file: &Path) -> Result<String, FileError> {
-    let bytes =
-        std::fs::read(file).map_err(|source| FileError::Read { file: file.to_owned(), source })?;
-    String::from_utf8(bytes).map_err(|error| {
-        let valid = error.utf8_error().valid_up_to();
-        let text = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
-        let (line, column) = position(&text, valid..valid);
-        FileError::Parse { file: file.to_owned(), line, column, message: "not UTF-8 text".to_owned() }
-    })
-}
-
-fn position(text: &str, span: Range<usize>) -> (usize, usize) {
-    let mut end = span.start.min(text.len());
-    while !text.is_char_boundary(end) {
-        end -= 1;
-    }
-    let before = &text[..end];
-    let line = before.matches('\n').count() + 1;
-    let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-    (line, column)
-}
-
-/// Checks numbers against ranges, remembering which file they stand in.
-pub(crate) struct Check<'a> {
-    pub(crate) file: &'a Path,
-}
-
-impl Check<'_> {
-    pub(crate) fn range(&self, key: &str, value: f64, low: f64, high: f64) -> Result<(), FileError> {
-        if value >= low && value <= high {
-            return Ok(());
-        }
-        Err(FileError::Range {
-            file: self.file.to_owned(),
-            key: key.to_owned(),
-            value,
-            expected: format!("{low} to {high}"),
-        })
-    }
-}
 
 /// Declares a table of a scene file: a struct whose fields have defaults, and a check of each against its range.
 macro_rules! table {
@@ -167,7 +72,10 @@ pub struct RoadSpec {
 
 impl Default for RoadSpec {
     fn default() -> Self {
-        let arc = |length_m, curvature_per_m| Segment { length_m, curvature_per_m };
+        let arc = |length_m, curvature_per_m| Segment {
+            length_m,
+            curvature_per_m,
+        };
         Self {
             segments: vec![
                 arc(17.5, 0.0),
@@ -223,126 +131,6 @@ table! {
         steer_rate_deg_s: f64 = 60.0, 1.0, 1000.0;
         /// Tyres give no more sideways acceleration than this.
         lateral_limit_mps2: f64 = 7.0, 0.5, 20.0;
-    }
-}
-
-/// Which of the six cases an episode has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CaseOrder {
-    /// Episode number modulo 6: six rounds show every case once.
-    #[default]
-    Cycle,
-    /// Drawn from seed and episode.
-    Drawn,
-}
-
-/// A car besides those of the cases, driving at one speed along its lane.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ExtraCar {
-    /// Its lane, counted from the right.
-    pub lane: usize,
-    /// Where it starts.
-    pub start_s_m: f64,
-    /// Its speed.
-    pub speed_kmh: f64,
-}
-
-/// `[traffic]`: two cars behind, two ahead, and how they misbehave.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Traffic {
-    /// How episodes get their case.
-    pub order: CaseOrder,
-    /// One case for every episode, 1 to 6; see [`super::world::Case`].
-    pub case: Option<u32>,
-    /// Rear cars start between these.
-    pub rear_s_m: [f64; 2],
-    /// Front cars start between these.
-    pub front_s_m: [f64; 2],
-    /// The speed that the factors below multiply.
-    pub reference_kmh: f64,
-    /// Factor of the rear cars.
-    pub rear_factor: f64,
-    /// Factor of the front cars.
-    pub front_factor: f64,
-    /// Factor of a rear car that rushes.
-    pub rush_factor: [f64; 2],
-    /// A front car that slows down does so near here …
-    pub slow_s_m: [f64; 2],
-    /// … to this share of the reference speed.
-    pub slow_factor: [f64; 2],
-    /// Acceleration of the cars.
-    pub acceleration_mps2: f64,
-    /// Acceleration of a car that rushes.
-    pub rush_acceleration_mps2: f64,
-    /// Deceleration of the cars.
-    pub deceleration_mps2: f64,
-    /// Length of the cars.
-    pub length_m: f64,
-    /// Width of the cars.
-    pub width_m: f64,
-    /// More cars.
-    pub extra: Vec<ExtraCar>,
-}
-
-impl Default for Traffic {
-    fn default() -> Self {
-        Self {
-            order: CaseOrder::Cycle,
-            case: None,
-            rear_s_m: [0.0, 10.0],
-            front_s_m: [115.0, 125.0],
-            reference_kmh: 30.0,
-            rear_factor: 1.35,
-            front_factor: 1.64,
-            rush_factor: [2.2, 2.3],
-            slow_s_m: [185.0, 195.0],
-            slow_factor: [0.1, 0.2],
-            acceleration_mps2: 1.5,
-            rush_acceleration_mps2: 3.0,
-            deceleration_mps2: 4.0,
-            length_m: 4.6,
-            width_m: 1.85,
-            extra: Vec::new(),
-        }
-    }
-}
-
-impl Traffic {
-    fn check(&self, check: &Check<'_>, lanes: usize) -> Result<(), FileError> {
-        check.range("traffic.case", f64::from(self.case.unwrap_or(1)), 1.0, 6.0)?;
-        for (key, [low, high], least, most) in [
-            ("traffic.rear_s_m", self.rear_s_m, -1e4, 1e5),
-            ("traffic.front_s_m", self.front_s_m, -1e4, 1e5),
-            ("traffic.rush_factor", self.rush_factor, 0.0, 20.0),
-            ("traffic.slow_s_m", self.slow_s_m, 0.0, 1e5),
-            ("traffic.slow_factor", self.slow_factor, 0.0, 20.0),
-        ] {
-            check.range(key, low, least, most)?;
-            check.range(key, high, low, most)?;
-        }
-        for (key, value, low, high) in [
-            ("traffic.reference_kmh", self.reference_kmh, 1.0, 200.0),
-            ("traffic.rear_factor", self.rear_factor, 0.0, 20.0),
-            ("traffic.front_factor", self.front_factor, 0.0, 20.0),
-            ("traffic.acceleration_mps2", self.acceleration_mps2, 0.1, 20.0),
-            ("traffic.rush_acceleration_mps2", self.rush_acceleration_mps2, 0.1, 20.0),
-            ("traffic.deceleration_mps2", self.deceleration_mps2, 0.1, 20.0),
-            ("traffic.length_m", self.length_m, 1.0, 30.0),
-            ("traffic.width_m", self.width_m, 0.5, 4.0),
-            ("traffic.extra (number of cars)", self.extra.len() as f64, 0.0, 1000.0),
-        ] {
-            check.range(key, value, low, high)?;
-        }
-        for (index, car) in self.extra.iter().enumerate() {
-            let key = |name| format!("traffic.extra[{index}].{name}");
-            check.range(&key("lane"), car.lane as f64, 0.0, lanes as f64 - 1.0)?;
-            check.range(&key("start_s_m"), car.start_s_m, -1e4, 1e5)?;
-            check.range(&key("speed_kmh"), car.speed_kmh, 0.0, 300.0)?;
-        }
-        Ok(())
     }
 }
 
@@ -518,7 +306,9 @@ impl Scene {
         let (name, text) = BUILTIN
             .iter()
             .find(|(known, _)| *known == name)
-            .ok_or_else(|| FileError::Unknown { name: name.to_owned() })?;
+            .ok_or_else(|| FileError::Unknown {
+                name: name.to_owned(),
+            })?;
         Self::from_toml(Path::new(&format!("{name}.toml")), text)
     }
 
@@ -527,7 +317,10 @@ impl Scene {
     /// # Errors
     /// When it cannot be read, is not a scene, or holds a value outside its range.
     pub fn load(file: &Path) -> Result<Self, FileError> {
-        if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml")) {
+        if file
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("xml"))
+        {
             return Ok(Self::from_commonroad(file, None, None)?);
         }
         Self::from_toml(file, &read(file)?)
@@ -549,30 +342,41 @@ impl Scene {
     /// Names the first value outside its range.
     pub fn check(&self, file: &Path) -> Result<(), FileError> {
         let check = Check { file };
-        let road =
-            self.road.build().map_err(|source| FileError::Road { file: file.to_owned(), source })?;
+        let road = self.road.build().map_err(|source| FileError::Road {
+            file: file.to_owned(),
+            source,
+        })?;
         check.range("road.lanes", self.road.lanes as f64, 2.0, 12.0)?;
         self.ego.check(&check)?;
         check.range("ego.start_s_m", self.ego.start_s_m, 0.0, road.length_m())?;
         self.traffic.check(&check, self.road.lanes)?;
         if let Some(fog) = &self.fog {
-            for (key, value) in
-                [("fog.front_m", fog.front_m), ("fog.side_m", fog.side_m), ("fog.rear_m", fog.rear_m)]
-            {
+            for (key, value) in [
+                ("fog.front_m", fog.front_m),
+                ("fog.side_m", fog.side_m),
+                ("fog.rear_m", fog.rear_m),
+            ] {
                 check.range(key, value, 0.0, 1000.0)?;
             }
         }
         self.reward.check(&check)?;
         self.communication.check(&check)?;
         self.planning.check(&check)?;
-        check.range("planning.elites", f64::from(self.planning.elites), 1.0, f64::from(self.planning.samples))?;
+        check.range(
+            "planning.elites",
+            f64::from(self.planning.elites),
+            1.0,
+            f64::from(self.planning.samples),
+        )?;
         self.episode.check(&check)?;
         self.clock.check(&check)
     }
 
     /// How far one sees in this scene.
     pub fn fog(&self) -> Fog {
-        self.fog.map_or_else(Fog::clear, |fog| Fog::new(fog.front_m as f32, fog.side_m as f32, fog.rear_m as f32))
+        self.fog.map_or_else(Fog::clear, |fog| {
+            Fog::new(fog.front_m as f32, fog.side_m as f32, fog.rear_m as f32)
+        })
     }
 
     /// Fog in which one sees `front_m` ahead (`--fog METRES`); sideways and behind in the proportions of this scene's
@@ -580,8 +384,11 @@ impl Scene {
     pub fn set_fog_m(&mut self, front_m: f64) {
         let pattern = self.fog.unwrap_or(super::fog::PATTERN);
         let factor = front_m / pattern.front_m.max(1e-6);
-        self.fog =
-            Some(FogSpec { front_m, side_m: pattern.side_m * factor, rear_m: pattern.rear_m * factor });
+        self.fog = Some(FogSpec {
+            front_m,
+            side_m: pattern.side_m * factor,
+            rear_m: pattern.rear_m * factor,
+        });
     }
 
     /// Seconds in a control step.

@@ -6,10 +6,18 @@ use super::{AZIMUTHS, LIDAR_RANGE_M, Observation, SECTORS};
 pub const FAST_MPS: f32 = 32.0 / 3.6;
 
 /// Names of the sectors, by index.
-pub const SECTOR_NAMES: [&str; SECTORS] = ["front", "left-front", "left-rear", "rear", "right-rear", "right-front"];
+pub const SECTOR_NAMES: [&str; SECTORS] = [
+    "front",
+    "left-front",
+    "left-rear",
+    "rear",
+    "right-rear",
+    "right-front",
+];
 
 /// Azimuths of each sector, first and last.
-pub const SECTOR_AZIMUTHS: [(usize, usize); SECTORS] = [(0, 0), (1, 9), (10, 17), (18, 18), (19, 26), (27, 35)];
+pub const SECTOR_AZIMUTHS: [(usize, usize); SECTORS] =
+    [(0, 0), (1, 9), (10, 17), (18, 18), (19, 26), (27, 35)];
 
 /// The sector that an azimuth belongs to.
 pub fn sector_of(azimuth: usize) -> usize {
@@ -44,7 +52,9 @@ pub enum UtteranceKind {
 impl UtteranceKind {
     /// The kind of that number in a message.
     pub fn from_number(number: u32) -> Option<Self> {
-        [Self::Nothing, Self::Slow, Self::Fast].get(number as usize).copied()
+        [Self::Nothing, Self::Slow, Self::Fast]
+            .get(number as usize)
+            .copied()
     }
 }
 
@@ -63,13 +73,25 @@ pub struct Heard {
 pub fn utterances(observation: &Observation) -> [Heard; SECTORS] {
     std::array::from_fn(|sector| {
         let (first, last) = SECTOR_AZIMUTHS[sector];
-        let mut heard = Heard { kind: UtteranceKind::Nothing, range_m: LIDAR_RANGE_M, speed_mps: 0.0 };
+        let mut heard = Heard {
+            kind: UtteranceKind::Nothing,
+            range_m: LIDAR_RANGE_M,
+            speed_mps: 0.0,
+        };
         for azimuth in first..=last {
             let range_m = observation.nearest_m(azimuth);
             if observation.object[azimuth] >= 0 && range_m < heard.range_m {
                 let speed_mps = observation.speed_mps[azimuth];
-                let kind = if speed_mps >= FAST_MPS { UtteranceKind::Fast } else { UtteranceKind::Slow };
-                heard = Heard { kind, range_m, speed_mps };
+                let kind = if speed_mps >= FAST_MPS {
+                    UtteranceKind::Fast
+                } else {
+                    UtteranceKind::Slow
+                };
+                heard = Heard {
+                    kind,
+                    range_m,
+                    speed_mps,
+                };
             }
         }
         heard
@@ -79,20 +101,36 @@ pub fn utterances(observation: &Observation) -> [Heard; SECTORS] {
 /// The words of an utterance, at most 63 bytes. Sectors past the last are the last.
 pub fn sentence(sector: usize, kind: UtteranceKind) -> &'static str {
     const SENTENCES: [[&str; 3]; SECTORS] = [
-        ["There is no car in front.", "Slow car in front.", "Fast car in front."],
-        ["There is no car on the front left.", "Slow car on the front left.", "Fast car on the front left."],
+        [
+            "There is no car in front.",
+            "Slow car in front.",
+            "Fast car in front.",
+        ],
+        [
+            "There is no car on the front left.",
+            "Slow car on the front left.",
+            "Fast car on the front left.",
+        ],
         [
             "There is no car on the rear left.",
             "Slow car on the rear left.",
             "Fast car coming from the rear left.",
         ],
-        ["There is no car behind.", "Slow car behind.", "Fast car coming from behind."],
+        [
+            "There is no car behind.",
+            "Slow car behind.",
+            "Fast car coming from behind.",
+        ],
         [
             "There is no car on the rear right.",
             "Slow car on the rear right.",
             "Fast car coming from the rear right.",
         ],
-        ["There is no car on the front right.", "Slow car on the front right.", "Fast car on the front right."],
+        [
+            "There is no car on the front right.",
+            "Slow car on the front right.",
+            "Fast car on the front right.",
+        ],
     ];
     SENTENCES[sector.min(SECTORS - 1)][kind as usize]
 }
@@ -135,8 +173,22 @@ mod tests {
         observation.object[6] = 6;
         observation.speed_mps[6] = 12.0;
         let heard = utterances(&observation);
-        assert_eq!(heard[3], Heard { kind: UtteranceKind::Fast, range_m: 20.0, speed_mps: 18.0 });
-        assert_eq!(heard[1], Heard { kind: UtteranceKind::Slow, range_m: 10.0, speed_mps: 2.0 });
+        assert_eq!(
+            heard[3],
+            Heard {
+                kind: UtteranceKind::Fast,
+                range_m: 20.0,
+                speed_mps: 18.0
+            }
+        );
+        assert_eq!(
+            heard[1],
+            Heard {
+                kind: UtteranceKind::Slow,
+                range_m: 10.0,
+                speed_mps: 2.0
+            }
+        );
         assert_eq!(heard[0].kind, UtteranceKind::Nothing);
     }
 }

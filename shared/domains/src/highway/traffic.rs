@@ -1,8 +1,8 @@
 //! The other cars: how each moves, and where it is at any tick. They never react to the ego car.
 
 use super::road::{Pose, Road, RoadPoint};
-use crate::commonroad::GoalRegion;
 use super::scene::Scene;
+use crate::commonroad::GoalRegion;
 
 /// What a traffic participant is; the two differ in their size and silhouette only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,7 +154,10 @@ impl Participant {
                 state.lane = motion.lane;
                 state.present = true;
                 let d_m = road.lane_offset_m(motion.lane, motion.start_s_m);
-                state.at = RoadPoint { s_m: motion.start_s_m, d_m };
+                state.at = RoadPoint {
+                    s_m: motion.start_s_m,
+                    d_m,
+                };
                 set_on_road(road, state);
             }
             Motion::Recorded(recording) => {
@@ -168,16 +171,29 @@ impl Participant {
 
     /// Moves on to `time_s`, seconds since traffic started moving; `tick_s` is the time since the last call. A car that
     /// keeps a lane drives no faster than `limit_mps`, for the sake of the car ahead of it.
-    pub fn advance(&self, road: &Road, time_s: f64, tick_s: f64, limit_mps: f64, state: &mut CarState) {
+    pub fn advance(
+        &self,
+        road: &Road,
+        time_s: f64,
+        tick_s: f64,
+        limit_mps: f64,
+        state: &mut CarState,
+    ) {
         match &self.motion {
             Motion::Lane(motion) => {
                 if time_s <= motion.delay_s {
                     return;
                 }
-                let wanted = if state.at.s_m >= motion.slows_at_m { motion.slow_speed_mps } else { motion.speed_mps };
+                let wanted = if state.at.s_m >= motion.slows_at_m {
+                    motion.slow_speed_mps
+                } else {
+                    motion.speed_mps
+                };
                 let change = wanted.min(limit_mps) - state.speed_mps;
-                state.speed_mps +=
-                    change.clamp(-motion.deceleration_mps2 * tick_s, motion.acceleration_mps2 * tick_s);
+                state.speed_mps += change.clamp(
+                    -motion.deceleration_mps2 * tick_s,
+                    motion.acceleration_mps2 * tick_s,
+                );
                 state.at.s_m += state.speed_mps * tick_s;
                 state.at.d_m = road.lane_offset_m(motion.lane, state.at.s_m);
                 set_on_road(road, state);
@@ -244,13 +260,20 @@ impl Course {
         let spec = &scene.ego;
         let mean_mps = (now.speed_mps + next.speed_mps) / 2.0;
         let push = (next.speed_mps - now.speed_mps) / step_s + spec.drag_mps2 * mean_mps / 10.0;
-        let full = if push >= 0.0 { spec.acceleration_mps2 } else { spec.brake_mps2 };
+        let full = if push >= 0.0 {
+            spec.acceleration_mps2
+        } else {
+            spec.brake_mps2
+        };
         let turn = super::road::wrap_angle(next.pose.heading_rad - now.pose.heading_rad);
         // Inverse of the kinematic bicycle: curvature = sin β / (L/2), tan δ = 2 tan β.
         let curvature = turn / (mean_mps * step_s).max(0.1);
         let slip = (curvature * spec.wheelbase_m / 2.0).clamp(-0.9, 0.9).asin();
         let wheel = (2.0 * slip.tan()).atan();
         let bounded = |value: f64| value.clamp(-1.0, 1.0) as f32;
-        [bounded(push / full), bounded(wheel / spec.steer_deg.to_radians())]
+        [
+            bounded(push / full),
+            bounded(wheel / spec.steer_deg.to_radians()),
+        ]
     }
 }

@@ -11,10 +11,23 @@ pub const FIXTURE_2018B: &str = include_str!("2018b.xml");
 /// The real recordings beside the project; says so where they are not.
 pub fn real_files() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/commonroad");
-    let names = ["USA_US101-4_1_T-1.xml", "USA_US101-3_3_T-1.xml", "DEU_A9-3_1_T-1.xml"];
-    let files: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).filter(|file| file.is_file()).collect();
+    let names = [
+        "USA_US101-4_1_T-1.xml",
+        "USA_US101-3_3_T-1.xml",
+        "DEU_A9-3_1_T-1.xml",
+    ];
+    let files: Vec<PathBuf> = names
+        .iter()
+        .map(|name| folder.join(name))
+        .filter(|file| file.is_file())
+        .collect();
     if files.len() < names.len() {
-        eprintln!("skipped: {} of {} real recordings are not in {}", names.len() - files.len(), names.len(), folder.display());
+        eprintln!(
+            "skipped: {} of {} real recordings are not in {}",
+            names.len() - files.len(),
+            names.len(),
+            folder.display()
+        );
     }
     files
 }

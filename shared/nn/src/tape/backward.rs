@@ -3,7 +3,7 @@
 //! Nodes below which nothing is wanted are skipped with everything that they would cost. The first contribution to a
 //! gradient replaces what lay there, so that nothing is zeroed beforehand.
 
-use super::{Arena, Binary, Mark, Node, Op, Tape, Unary, Var, value_of};
+use super::{Arena, Binary, Mark, Node, Op, Tape, Transposes, Unary, Var, value_of};
 use crate::tensor::LANES;
 use crate::{Activation, Gradients, ParamId, Parameters, SMALLEST_DEVIATION, kernels, product};
 
@@ -37,10 +37,30 @@ impl<'s> Step<'s> {
     }
 }
 
-/// Which parameters get gradients, and where.
+/// Which parameters get gradients, and where; and weights' transposes, made once for all uses on the tape.
 struct Sink<'s> {
     gradients: &'s mut Gradients,
     wanted: &'s dyn Fn(ParamId) -> bool,
+    transposes: &'s mut Transposes,
+}
+
+impl Sink<'_> {
+    /// Wᵀ, inputs × outputs.
+    fn transposed(&mut self, parameters: &Parameters, weight: ParamId) -> &[f32] {
+        let tensor = parameters.get(weight);
+        let (rows, cols) = (tensor.rows(), tensor.cols());
+        let memory = &mut *self.transposes;
+        let place = &mut memory.places[weight.index()];
+        let at = *place.get_or_insert_with(|| {
+            let at = memory.used;
+            memory.used += (rows * cols).next_multiple_of(LANES);
+            memory.values.reserve(memory.used);
+            let out = &mut memory.values.slice_mut()[at..];
+            product::transpose(out, tensor.data(), rows, cols);
+            at
+        });
+        &memory.values.slice()[at..at + rows * cols]
+    }
 }
 
 impl Tape<'_> {
@@ -65,6 +85,7 @@ impl Tape<'_> {
             gradients: memory,
             scratch,
             lists,
+            transposes,
             ..
         } = &mut *self.arena;
         if !marks[loss.index()].needed {
@@ -73,7 +94,14 @@ impl Tape<'_> {
         let memory = memory.slice_mut();
         memory[marks[loss.index()].gradient] = 1.0;
         marks[loss.index()].seen = true;
-        let mut sink = Sink { gradients, wanted };
+        transposes.used = 0;
+        transposes.places.clear();
+        transposes.places.resize(parameters.len(), None);
+        let mut sink = Sink {
+            gradients,
+            wanted,
+            transposes,
+        };
         for i in (0..=loss.index()).rev() {
             let Mark {
                 needed,
@@ -351,9 +379,11 @@ impl Step<'_> {
             let dw = sink.gradients.get_mut(weight).data_mut();
             product::add_outer(dw, g, self.value(x), outputs, inputs, batch);
         }
-        let w = self.parameters.get(weight).data();
-        if let Some((first, dx)) = self.gradient(x) {
-            product::weight_transposed_times(first, dx, w, g, outputs, inputs, batch);
+        if self.marks[x.index()].needed {
+            let transposed = sink.transposed(self.parameters, weight);
+            if let Some((first, dx)) = self.gradient(x) {
+                product::weight_times(first, dx, transposed, g, inputs, outputs, batch);
+            }
         }
     }
 

@@ -157,6 +157,15 @@ pub struct Arena {
     gradients: Buffer,
     scratch: Buffer,
     lists: Vec<u32>,
+    transposes: Transposes,
+}
+
+/// Transposed weights of one way back, by parameter.
+#[derive(Default)]
+struct Transposes {
+    values: Buffer,
+    used: usize,
+    places: Vec<Option<usize>>,
 }
 
 impl Arena {
@@ -170,6 +179,7 @@ impl Arena {
         4 * (self.values.slice().len()
             + self.gradients.slice().len()
             + self.scratch.slice().len()
+            + self.transposes.values.slice().len()
             + self.lists.capacity())
     }
 }

@@ -19,7 +19,8 @@ pub fn role() -> Option<String> {
 
 /// The run that this child joins.
 pub fn arguments() -> RunArguments {
-    RunArguments::from_json(&std::env::var(RUN).expect("children have arguments"), RUN).expect("valid arguments")
+    RunArguments::from_json(&std::env::var(RUN).expect("children have arguments"), RUN)
+        .expect("valid arguments")
 }
 
 /// A root of instances that goes with the test.
@@ -47,7 +48,11 @@ impl Child {
             .args(["--exact", "child", "--nocapture", "--test-threads=1"])
             .env(ROLE, role)
             .env(RUN, arguments.to_json())
-            .stdout(if role == "launcher" { Stdio::piped() } else { Stdio::null() })
+            .stdout(if role == "launcher" {
+                Stdio::piped()
+            } else {
+                Stdio::null()
+            })
             .spawn()
             .expect("the test program starts");
         let descriptor = runtime::process_descriptor(child.id()).expect("the child exists");
@@ -86,7 +91,11 @@ impl Drop for Child {
 
 /// Waits for the end of a process that is not our child.
 pub fn wait_for_end(process: &OwnedFd) {
-    let mut poll = libc::pollfd { fd: process.as_raw_fd(), events: libc::POLLIN, revents: 0 };
+    let mut poll = libc::pollfd {
+        fd: process.as_raw_fd(),
+        events: libc::POLLIN,
+        revents: 0,
+    };
     // SAFETY: one live structure.
     let ended = unsafe { libc::poll(&mut poll, 1, 60_000) };
     assert_eq!(ended, 1, "the process outlived its launcher");
@@ -113,7 +122,11 @@ macro_rules! stranger {
         impl Message for $name {
             const TYPE_NAME: &'static str = $type_name;
             const ROS_TYPE: &'static str = "mirror_msgs/DriverAction";
-            const ZERO: Self = Self { header: Header::ZERO, $first: 0.0, $second: 0.0 };
+            const ZERO: Self = Self {
+                header: Header::ZERO,
+                $first: 0.0,
+                $second: 0.0,
+            };
 
             fn fields() -> &'static [Field] {
                 const FLOAT: Field = Field {
@@ -135,8 +148,16 @@ macro_rules! stranger {
                         size: size_of::<Header>(),
                         align: 8,
                     },
-                    Field { name: stringify!($first), offset: 48, ..FLOAT },
-                    Field { name: stringify!($second), offset: 52, ..FLOAT },
+                    Field {
+                        name: stringify!($first),
+                        offset: 48,
+                        ..FLOAT
+                    },
+                    Field {
+                        name: stringify!($second),
+                        offset: 52,
+                        ..FLOAT
+                    },
                 ];
                 FIELDS
             }

@@ -2,7 +2,10 @@
 
 use super::{Child, arguments};
 use messages::{DriverAction, LidarFrame, Outcome, topic};
-use runtime::{InputOptions, InstanceLock, Launcher, Node, NodeError, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{
+    InputOptions, InstanceLock, Launcher, Node, NodeError, Receive, RunArguments, Stamp, Wake,
+    now_ns,
+};
 
 /// Steps of a lockstep run.
 pub const STEPS: u32 = 400;
@@ -49,7 +52,10 @@ fn world(node: &mut Node) -> Result<(), NodeError> {
         }
         let action = actions.message().expect("the wait was for it");
         assert_eq!(action.steer, step as f32 / STEPS as f32);
-        assert_eq!(action.header.cause_ns, stamp.cause_ns, "the cause travels along");
+        assert_eq!(
+            action.header.cause_ns, stamp.cause_ns,
+            "the cause travels along"
+        );
         assert_eq!(action.header.run_id, 7);
         assert!(action.header.sent_ns >= stamp.cause_ns);
         node.end_step();
@@ -79,14 +85,20 @@ fn talker(node: &mut Node) -> Result<(), NodeError> {
     let outcomes = node.output::<Outcome>(topic::OUTCOME)?;
     if node.ready()? == Wake::Message {
         for step in 0..TALK {
-            outcomes.send_with(Stamp::sensed(0, step as u32), |outcome| outcome.reward = step as f32)?;
+            outcomes.send_with(Stamp::sensed(0, step as u32), |outcome| {
+                outcome.reward = step as f32
+            })?;
         }
     }
     Ok(())
 }
 
 fn gapper(node: &mut Node) -> Result<(), NodeError> {
-    let options = InputOptions { receive: Receive::InOrder, buffer: 8, wakes: true };
+    let options = InputOptions {
+        receive: Receive::InOrder,
+        buffer: 8,
+        wakes: true,
+    };
     let mut inbox = node.input_with::<Outcome>(topic::OUTCOME, options)?;
     let outcomes = node.output::<Outcome>(topic::OUTCOME)?;
     if node.ready()? == Wake::Message {
@@ -140,8 +152,14 @@ fn planner(node: &mut Node) -> Result<(), NodeError> {
                 return Ok(());
             }
             let answer = client.answer().expect("the wait was for it");
-            assert_eq!((answer.group, answer.rows, answer.header.step), (group, 500, step));
-            assert_eq!(answer.action[499], [(step as usize * 500 + 499) as f32, group as f32]);
+            assert_eq!(
+                (answer.group, answer.rows, answer.header.step),
+                (group, 500, step)
+            );
+            assert_eq!(
+                answer.action[499],
+                [(step as usize * 500 + 499) as f32, group as f32]
+            );
         }
         assert_eq!(client.unanswered(), 0);
         node.end_step();
@@ -151,7 +169,8 @@ fn planner(node: &mut Node) -> Result<(), NodeError> {
 
 /// A launcher with one child, which waits to be killed.
 fn launcher(arguments: &RunArguments) {
-    let lock = InstanceLock::acquire(&arguments.root, &arguments.instance).expect("the instance is free");
+    let lock =
+        InstanceLock::acquire(&arguments.root, &arguments.instance).expect("the instance is free");
     let mut launcher = Launcher::open(lock, arguments.run_id, arguments.clock).expect("opens");
     let echo = Child::spawn("echo", &launcher.arguments().for_process("echo", 0));
     launcher

@@ -12,6 +12,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         episodes: episodes.parse()?,
         length: std::env::var("LENGTH").map_or(Ok(8), |s| s.parse())?,
         sequences: std::env::var("SEQUENCES").map_or(Ok(75), |s| s.parse())?,
+        imitation_decay: std::env::var("DECAY").map_or(Ok(0.99), |s| s.parse())?,
+        keep: std::env::var("KEEP").map_or(Ok(0.35), |s| s.parse())?,
         ..Default::default()
     };
     let scene = Arc::new(domains::highway::Scene::builtin("highway-clear")?);
@@ -25,8 +27,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             started.elapsed().as_secs_f32(),
             serde_json::to_string(&metrics)?
         );
+        let limit: f32 = std::env::var("SECONDS_LIMIT").map_or(Ok(1e9), |s| s.parse())?;
+        if started.elapsed().as_secs_f32() > limit {
+            break;
+        }
         if trainer.episode % 50 == 0 {
             println!("evaluate {:?}", trainer.evaluate(30));
+            models::checkpoint::save_self_model(out.as_ref(), &trainer.model, "unfinished")?;
         }
     }
     models::checkpoint::save_self_model(out.as_ref(), &trainer.model, &arguments.join(" "))?;

@@ -1,0 +1,212 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// MIRROR watches a person drive in fog and decides what to tell them, when, and how.
+///
+/// It runs as seven processes that exchange messages through shared memory: the world, the driver (a simulated person),
+/// the robot's belief, the model of the person, the planner, the renderer and the recorder. `mirror up` starts them all.
+#[derive(Debug, Parser)]
+#[command(name = "mirror", version, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+// Read once.
+#[allow(clippy::large_enum_variant)]
+pub enum Command {
+    /// Start the process set, drive some episodes, and print what was communicated and a summary
+    Up(UpArguments),
+    /// Record rounds that a simulated person drives without communication
+    Demos(DemosArguments),
+    /// Learn a model
+    #[command(subcommand)]
+    Train(Train),
+    /// Show what is running, what a dead run left, and whether this machine's limits suffice
+    Doctor(DoctorArguments),
+    /// Run as one process of a set (this is how `up` starts itself)
+    #[command(hide = true)]
+    Process(ProcessArguments),
+}
+
+/// Options of `mirror up`.
+#[derive(Args, Debug)]
+pub struct UpArguments {
+    /// Where to drive: a scene that ships (highway-fog, highway-clear), a scene file (.toml), or recorded traffic from a
+    /// CommonRoad scenario (.xml)
+    #[arg(long, value_name = "NAME|FILE", default_value = "highway-fog")]
+    pub scene: String,
+    /// Fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
+    #[arg(long, value_name = "METRES")]
+    pub fog: Option<f64>,
+    /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), or `self`
+    /// (the robot's own, unchanged)
+    #[arg(long, value_name = "KIND", default_value = "mirror")]
+    pub human: String,
+    /// How to decide what to communicate
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerKind::Ce)]
+    pub planner: PlannerKind,
+    /// Who drives: `sim:ID` (a simulated person, 1 to 21), `sim:FILE.toml` (your own), or `recorded:ID` (the person in that
+    /// car of a CommonRoad scenario)
+    #[arg(long, value_name = "sim:ID|sim:FILE|recorded:ID", default_value = "sim:1")]
+    pub driver: String,
+    /// How many episodes to drive
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub episodes: u32,
+    /// Whether everybody waits for everybody (the same bytes every time) or the world ticks at its own rate
+    #[arg(long, value_enum, default_value_t = Clock::Lockstep)]
+    pub clock: Clock,
+    /// Seed of everything that is random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Write every message to this file, for Foxglove, PlotJuggler and rosbag tools
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the summary to this file
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+    /// Name of this set of processes, for running several at once [default: up-PID]
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Run another program as one of the processes; it gets the path of its arguments (a JSON file) as its last argument
+    #[arg(long, value_name = "PROCESS=COMMAND")]
+    pub exec: Vec<String>,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// What the human model learned of this person [default: learned at the start from six rounds without
+    /// communication]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub implants: Option<PathBuf>,
+    /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
+    #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
+    pub spin: u32,
+    /// Print no events, only the summary
+    #[arg(long)]
+    pub quiet: bool,
+}
+
+/// How to decide what to communicate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PlannerKind {
+    /// Imagine many futures and keep what helps most (cross-entropy method)
+    Ce,
+    /// Never communicate
+    None,
+}
+
+impl PlannerKind {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ce => "ce",
+            Self::None => "none",
+        }
+    }
+}
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Clock {
+    /// Everybody waits for what a step needs
+    Lockstep,
+    /// The world ticks at its own rate and takes the newest action
+    Realtime,
+}
+
+/// Options of `mirror doctor`.
+#[derive(Args, Debug)]
+pub struct DoctorArguments {
+    /// Remove what dead runs left
+    #[arg(long)]
+    pub clean: bool,
+}
+
+/// Options of `mirror process`.
+#[derive(Args, Debug)]
+pub struct ProcessArguments {
+    /// The process's arguments, as `up` wrote them
+    #[arg(value_name = "FILE.json")]
+    pub run: PathBuf,
+}
+
+/// What to learn.
+#[derive(Debug, Subcommand)]
+pub enum Train {
+    /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is
+    Human(TrainHumanArguments),
+}
+
+/// A domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Domain {
+    /// Driving on a highway
+    Highway,
+}
+
+/// What the person could see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Setting {
+    /// Clear weather (highway-clear)
+    Original,
+    /// Fog (highway-fog)
+    Transfer,
+}
+
+/// Options of `mirror demos`.
+#[derive(Args, Debug)]
+pub struct DemosArguments {
+    /// The domain
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// The simulated person: 1 to 21, or a person's file
+    #[arg(long, value_name = "ID|FILE.toml")]
+    pub person: String,
+    /// What the person could see
+    #[arg(long, value_enum, default_value_t = Setting::Transfer)]
+    pub setting: Setting,
+    /// How many rounds; six show every case once
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
+    pub rounds: usize,
+    /// Seed of the rounds
+    #[arg(long, value_name = "N", default_value_t = crate::learn::DEMONSTRATION_SEED)]
+    pub seed: u64,
+    /// Where to write them
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub out: PathBuf,
+}
+
+fn rounds(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(rounds @ 1..=10_000) => Ok(rounds),
+        _ => Err("expected 1 to 10000".to_owned()),
+    }
+}
+
+/// Options of `mirror train human`.
+#[derive(Args, Debug)]
+pub struct TrainHumanArguments {
+    /// What to learn: `mirror` (perception and policy) or `mirror-p` (perception only)
+    #[arg(long, value_name = "KIND", default_value = "mirror")]
+    pub kind: String,
+    /// The domain
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// What `mirror demos` recorded
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub demos: PathBuf,
+    /// Where to write what was learned, for `mirror up --implants`
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub out: PathBuf,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Seed of the first weights and of the noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}

@@ -1,0 +1,116 @@
+//! The terminal: lines of several threads above one status line. Where there is no terminal, plain lines.
+
+use crate::failure::Failure;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+/// Where lines and the status go; clones share the screen.
+#[derive(Clone)]
+pub struct Screen {
+    /// Drawn on the standard error; absent where it is no terminal.
+    status: Option<ProgressBar>,
+}
+
+impl Screen {
+    /// A status line if there is a terminal.
+    pub fn new() -> Self {
+        let status = io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new_spinner();
+            if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
+                bar.set_style(style);
+            }
+            bar.enable_steady_tick(Duration::from_millis(250));
+            bar
+        });
+        Self { status }
+    }
+
+    /// Whether a status line is shown.
+    pub fn has_status(&self) -> bool {
+        self.status.is_some()
+    }
+
+    /// Changes the status line.
+    pub fn status(&self, text: String) {
+        if let Some(bar) = &self.status {
+            bar.set_message(text);
+        }
+    }
+
+    /// Writes a line to the standard output, above the status line.
+    pub fn line(&self, text: &str) {
+        // A closed output must not stop a run.
+        self.above(|| drop(writeln!(io::stdout().lock(), "{text}")));
+    }
+
+    /// Writes a line to the standard error, above the status line.
+    pub fn warn(&self, text: &str) {
+        self.above(|| drop(writeln!(io::stderr().lock(), "{text}")));
+    }
+
+    /// Removes the status line.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.status {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn above(&self, write: impl FnOnce()) {
+        match &self.status {
+            Some(bar) => bar.suspend(write),
+            None => write(),
+        }
+    }
+}
+
+/// A progress bar on a terminal; a plain line every tenth elsewhere. On the standard error.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    what: String,
+    length: u64,
+}
+
+impl Progress {
+    /// Counts to `length`.
+    pub fn new(what: &str, length: u64) -> Self {
+        let bar = io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(length);
+            if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {msg} {eta}") {
+                bar.set_style(style);
+            }
+            bar.set_prefix(what.to_owned());
+            bar
+        });
+        Self { bar, what: what.to_owned(), length }
+    }
+
+    /// So far, and a word about it.
+    pub fn at(&self, position: u64, message: &str) {
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(position);
+                bar.set_message(message.to_owned());
+            }
+            None => {
+                let tenth = |position: u64| position * 10 / self.length.max(1);
+                if position == 0 || tenth(position) != tenth(position - 1) {
+                    let Self { what, length, .. } = self;
+                    let _ = writeln!(io::stderr().lock(), "{what}: {position}/{length} {message}");
+                }
+            }
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Tells the user why a command failed.
+pub fn error(failure: &Failure) {
+    let _ = writeln!(io::stderr().lock(), "mirror: {:#}", failure.error);
+}

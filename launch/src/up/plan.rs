@@ -1,0 +1,224 @@
+//! What a run will do, resolved and checked before anything starts.
+
+use crate::cli::{Clock, PlannerKind, UpArguments};
+use crate::inputs::{self, ImplantSource, NamedDriver, NamedScene};
+use crate::learn;
+use crate::process::NAMES;
+use anyhow::{Context, Result, bail, ensure};
+use models::{Kind, SelfModel};
+use planning::Settings;
+use recorder::recording::About;
+use recorder::visual::RoadLine;
+use runtime::{ClockMode, RunArguments};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// A run that can be started.
+pub struct Plan {
+    /// Where.
+    pub scene: NamedScene,
+    /// Who drives.
+    pub driver: NamedDriver,
+    /// The model of the person.
+    pub human: Kind,
+    /// How to decide.
+    pub planner: PlannerKind,
+    /// Settings of the planner.
+    pub settings: Settings,
+    /// The robot's self-model: its file, and itself.
+    pub self_model: (PathBuf, SelfModel),
+    /// What the human model learned of the person.
+    pub implants: ImplantSource,
+    /// Episodes to drive.
+    pub episodes: u32,
+    /// Seed.
+    pub seed: u64,
+    /// How time passes.
+    pub clock: ClockMode,
+    /// The recording's file.
+    pub record: Option<PathBuf>,
+    /// The summary's file.
+    pub summary: Option<PathBuf>,
+    /// Name of the process set.
+    pub instance: String,
+    /// Other programs in place of our own processes.
+    pub exec: BTreeMap<&'static str, String>,
+    /// See [`RunArguments::spin_us`].
+    pub spin_us: u32,
+    /// Print no events.
+    pub quiet: bool,
+}
+
+impl Plan {
+    /// Resolves the command line.
+    ///
+    /// # Errors
+    /// Names the option, or the file and the place in it, that cannot be used.
+    pub fn resolve(arguments: &UpArguments) -> Result<Self> {
+        let driver = inputs::driver(&arguments.driver)?;
+        let scene = inputs::scene(&arguments.scene, arguments.fog, &driver.driving)?;
+        let settings = inputs::settings(&scene)?;
+        let human = inputs::human("--human", &arguments.human)?;
+        let self_model = inputs::self_model(arguments.self_model.as_deref())?;
+        let implants = inputs::implants(arguments.implants.as_deref(), human, &driver.driving, &self_model.1)?;
+        let option = |name, path: &Option<PathBuf>| path.as_deref().map(|path| inputs::writable(name, path)).transpose();
+        Ok(Self {
+            settings,
+            human,
+            self_model,
+            implants,
+            planner: arguments.planner,
+            episodes: arguments.episodes,
+            seed: arguments.seed,
+            clock: match arguments.clock {
+                Clock::Lockstep => ClockMode::Lockstep,
+                Clock::Realtime => ClockMode::RealTime,
+            },
+            record: option("--record", &arguments.record)?,
+            summary: option("--summary", &arguments.summary)?,
+            instance: arguments.instance.clone().unwrap_or_else(|| format!("up-{}", std::process::id())),
+            exec: replacements(&arguments.exec)?,
+            spin_us: arguments.spin,
+            quiet: arguments.quiet,
+            scene,
+            driver,
+        })
+    }
+
+    /// Learns what is still to be learned of the person, before the run starts.
+    ///
+    /// # Errors
+    /// When that is not possible.
+    pub fn learn(&mut self, run: &RunArguments) -> Result<()> {
+        let ImplantSource::Learn(person) = &self.implants else { return Ok(()) };
+        let model = &self.self_model.1;
+        let implants = learn::at_start(&self.scene.scene, person, self.human, model)?;
+        let path = run.directory().join("implants.safetensors");
+        learn::save(&path, &implants, model)?;
+        self.implants = ImplantSource::File(path);
+        Ok(())
+    }
+
+    /// The arguments that a process is started with.
+    ///
+    /// # Errors
+    /// When options cannot be written as JSON.
+    pub fn arguments(&self, run: &RunArguments, index: usize) -> Result<RunArguments> {
+        let process = NAMES[index];
+        let plain = RunArguments { spin_us: self.spin_us, ..run.for_process(process, index as u32) };
+        let scene = self.scene.scene.clone();
+        let recording = self.scene.recording.clone();
+        let with_options = match process {
+            "world" => plain.with_options(&world::Options {
+                seat: scene.seat,
+                scene,
+                recording,
+                episodes: self.episodes,
+                seed: self.seed,
+            }),
+            "driver" => plain.with_options(&driver::Options {
+                scene,
+                recording,
+                person: self.driver.driving.clone(),
+                seed: self.seed,
+            }),
+            "belief" => plain.with_options(&belief::Options { model: self.self_model.0.clone() }),
+            "human" => plain.with_options(&human::Options {
+                kind: self.human,
+                model: self.self_model.0.clone(),
+                implants: match &self.implants {
+                    ImplantSource::None => None,
+                    ImplantSource::File(path) => Some(path.clone()),
+                    ImplantSource::Learn(_) => bail!("the human model has not learned yet"),
+                },
+            }),
+            "planner" => plain.with_options(&planner::Options {
+                method: match self.planner {
+                    PlannerKind::Ce => planner::Method::Ce,
+                    PlannerKind::None => planner::Method::None,
+                },
+                model: Some(self.self_model.0.clone()),
+                settings: self.settings,
+                seed: self.seed,
+                step_s: scene.step_s() as f32,
+                patience_ms: 50,
+            }),
+            "renderer" => plain.with_options(&renderer::Options {
+                step_s: scene.step_s() as f32,
+                speech_interval_s: scene.communication.speech_interval_s as f32,
+                print: !self.quiet,
+                ..renderer::Options::default()
+            }),
+            "recorder" => plain.with_options(&recorder::Options {
+                record: self.record.clone(),
+                result: Some(self.recorder_result(run)),
+                about: self.about(run.run_id),
+                road: road_lines(&self.scene)?,
+            }),
+            other => bail!("there is no process {other:?}"),
+        };
+        with_options.with_context(|| format!("options of {process}"))
+    }
+
+    /// Where the recorder says what it recorded.
+    pub fn recorder_result(&self, run: &RunArguments) -> PathBuf {
+        run.directory().join("recorder-result.json")
+    }
+
+    fn about(&self, run_id: u64) -> About {
+        About {
+            scene: self.scene.name.clone(),
+            human: self.human.name().to_owned(),
+            planner: self.planner.name().to_owned(),
+            seed: self.seed,
+            run_id,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
+    }
+}
+
+/// `--exec PROCESS=COMMAND`, each process at most once.
+fn replacements(given: &[String]) -> Result<BTreeMap<&'static str, String>> {
+    let mut exec = BTreeMap::new();
+    for text in given {
+        let (process, command) = text.split_once('=').with_context(|| format!("--exec {text}: expected PROCESS=COMMAND"))?;
+        let known = NAMES.iter().find(|name| **name == process);
+        let name = *known.with_context(|| format!("--exec {text}: no process {process:?}; there are {}", NAMES.join(", ")))?;
+        ensure!(!command.trim().is_empty(), "--exec {text}: no command");
+        ensure!(exec.insert(name, command.to_owned()).is_none(), "--exec {text}: {name} is replaced twice");
+    }
+    Ok(exec)
+}
+
+/// The road's lines, for the recording's picture.
+fn road_lines(scene: &NamedScene) -> Result<Vec<RoadLine>> {
+    const STEP_M: f64 = 5.0;
+    let built;
+    let road = match &scene.scene.course {
+        Some(course) => &course.road,
+        None => {
+            built = scene.scene.road.build().with_context(|| scene.name.clone())?;
+            &built
+        }
+    };
+    let mut lines = Vec::new();
+    for (index, lane) in road.lanes().iter().enumerate() {
+        // A lane's left line, and for the first lane the right one too; the outermost are drawn through.
+        let (from_m, to_m) = (lane.from_m.max(0.0), lane.to_m.min(road.length_m()));
+        for side in [-0.5, 0.5] {
+            if side < 0.0 && index > 0 {
+                continue;
+            }
+            let steps = ((to_m - from_m) / STEP_M).ceil().max(1.0) as usize;
+            let points_m = (0..=steps).map(|step| {
+                let s_m = from_m + (to_m - from_m) * step as f64 / steps as f64;
+                let d_m = road.lane_offset_m(index, s_m) + side * road.lane_width_m(index, s_m);
+                let (x_m, y_m, ..) = road.place(s_m, d_m);
+                [x_m, y_m]
+            });
+            let dashed = side > 0.0 && index + 1 < road.lanes().len();
+            lines.push(RoadLine { points_m: points_m.collect(), dashed });
+        }
+    }
+    Ok(lines)
+}

@@ -1,0 +1,289 @@
+//! The end of a run: a table for people, and the same as JSON.
+
+use super::plan::Plan;
+use super::tally::{Episode, Tally};
+use crate::process::NAMES;
+use anyhow::{Context, Result};
+use messages::Report;
+use recorder::result::RecorderResult;
+use runtime::{ClockMode, text_of};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Compute time per step, in µs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 90th percentile.
+    pub p90: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// 99.9th percentile.
+    pub p999: f64,
+    /// Longest.
+    pub max: f64,
+}
+
+impl Percentiles {
+    /// From nanoseconds, in this order.
+    pub fn from_ns(ns: [u64; 5]) -> Self {
+        let [p50, p90, p99, p999, max] = ns.map(|ns| ns as f64 / 1000.0);
+        Self { p50, p90, p99, p999, max }
+    }
+}
+
+/// How a process fared.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ProcessSummary {
+    /// Steps done.
+    pub steps: u64,
+    /// Deadlines missed.
+    pub missed_deadlines: u64,
+    /// Heap allocations in its steady-state loop.
+    pub allocations: u64,
+    /// `finished`, or how it ended.
+    pub end: String,
+}
+
+/// The summary's JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Scene.
+    pub scene: String,
+    /// Human model.
+    pub human: String,
+    /// Planner.
+    pub planner: String,
+    /// Who drove.
+    pub driver: String,
+    /// `lockstep` or `realtime`.
+    pub clock: ClockMode,
+    /// Seed.
+    pub seed: u64,
+    /// Whether every episode was driven to its end.
+    pub completed: bool,
+    /// Why the run ended before that.
+    pub ended_early: Option<String>,
+    /// Processes that ended before the run did, and how.
+    pub deaths: BTreeMap<String, String>,
+    /// Episodes driven to their ends.
+    pub episodes: u32,
+    /// Control steps.
+    pub steps: u64,
+    /// Episodes that ended in a collision.
+    pub collisions: u64,
+    /// Mean over episodes of an episode's summed reward.
+    pub reward_mean: f64,
+    /// Sectors highlighted, summed over steps.
+    pub visual_items: u64,
+    /// Utterances.
+    pub verbal_items: u64,
+    /// Cost of all that was communicated.
+    pub communication_cost: f64,
+    /// Deadlines missed, over all processes; only the real-time clock has any.
+    pub missed_deadlines: u64,
+    /// Messages lost at any port, by topic.
+    pub lost_messages: BTreeMap<String, u64>,
+    /// Processes restarted.
+    pub restarts: u64,
+    /// Seconds from the start of the first episode to the end of the last.
+    pub wall_seconds: f64,
+    /// Digest of every recorded message of a lockstep run.
+    pub digest: Option<String>,
+    /// Per process, compute time per step.
+    pub compute_us: BTreeMap<String, Percentiles>,
+    /// Per process, heap allocations in the steady-state loop.
+    pub allocations: BTreeMap<String, u64>,
+    /// From sensing to decision and to display.
+    pub latency_us: BTreeMap<String, Percentiles>,
+    /// Per process, the rest.
+    pub processes: BTreeMap<String, ProcessSummary>,
+    /// What was recorded.
+    pub recording: Option<RecorderResult>,
+    /// What happened in each episode.
+    pub episode_list: Vec<Episode>,
+}
+
+/// What the launcher learned besides the tally.
+#[derive(Default)]
+pub struct Ending {
+    /// Each process's last report.
+    pub reports: [Option<Report>; NAMES.len()],
+    /// How each process ended that did so before the run.
+    pub deaths: BTreeMap<String, String>,
+    /// Why the run ended early, if it did.
+    pub ended_early: Option<String>,
+    /// Seconds from start to end.
+    pub wall_seconds: f64,
+    /// What the recorder says.
+    pub recording: Option<RecorderResult>,
+}
+
+impl Summary {
+    /// Puts it together.
+    pub fn new(plan: &Plan, tally: &Tally, ending: Ending) -> Self {
+        let done = tally.episodes.iter().filter(|episode| episode.end != "running");
+        let rewards: Vec<f64> = done.clone().map(|episode| episode.reward).collect();
+        let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
+        let mut summary = Self {
+            scene: plan.scene.name.clone(),
+            human: plan.human.name().to_owned(),
+            planner: plan.planner.name().to_owned(),
+            driver: plan.driver.name.clone(),
+            clock: plan.clock,
+            seed: plan.seed,
+            completed: rewards.len() == plan.episodes as usize,
+            ended_early: ending.ended_early,
+            episodes: rewards.len() as u32,
+            steps: tally.steps(),
+            collisions: sum(|episode| u64::from(episode.hit.is_some())),
+            reward_mean: rewards.iter().sum::<f64>() / rewards.len().max(1) as f64,
+            visual_items: sum(|episode| episode.visual_items),
+            verbal_items: sum(|episode| episode.verbal_items),
+            communication_cost: tally.episodes.iter().map(|episode| episode.communication_cost).sum(),
+            missed_deadlines: 0,
+            lost_messages: BTreeMap::new(),
+            restarts: 0,
+            wall_seconds: ending.wall_seconds,
+            digest: None,
+            compute_us: BTreeMap::new(),
+            allocations: BTreeMap::new(),
+            latency_us: BTreeMap::from([
+                ("sensing_to_decision".to_owned(), Percentiles::from_ns(tally.sensing_to_decision.summary_ns())),
+                ("sensing_to_display".to_owned(), Percentiles::from_ns(tally.sensing_to_display.summary_ns())),
+            ]),
+            processes: BTreeMap::new(),
+            recording: ending.recording,
+            episode_list: tally.episodes.clone(),
+            deaths: ending.deaths,
+        };
+        for (name, report) in NAMES.into_iter().zip(&ending.reports) {
+            summary.add_process(name, report.as_ref());
+        }
+        for (topic, lost) in tally.lost() {
+            *summary.lost_messages.entry(topic.to_owned()).or_default() += lost;
+        }
+        if plan.clock == ClockMode::Lockstep && summary.completed {
+            summary.digest = summary.recording.as_ref().map(|recording| recording.digest.clone());
+        }
+        summary
+    }
+
+    fn add_process(&mut self, name: &str, report: Option<&Report>) {
+        let finished = report.is_some_and(|report| report.state == 3);
+        let end = match self.deaths.get(name) {
+            Some(how) => how.clone(),
+            None if finished => "finished".to_owned(),
+            None => "was ended".to_owned(),
+        };
+        let mut process = ProcessSummary { end, ..ProcessSummary::default() };
+        if let Some(report) = report {
+            process.steps = report.steps;
+            process.missed_deadlines = report.missed_deadlines;
+            process.allocations = report.allocations;
+            self.missed_deadlines += report.missed_deadlines;
+            self.compute_us.insert(name.to_owned(), Percentiles::from_ns(report.compute_ns));
+            self.allocations.insert(name.to_owned(), report.allocations);
+            for port in report.ports.iter().take(report.port_count as usize) {
+                *self.lost_messages.entry(text_of(&port.topic)).or_default() += port.lost;
+            }
+        }
+        self.processes.insert(name.to_owned(), process);
+    }
+
+    /// Whether all went as asked.
+    pub fn is_success(&self) -> bool {
+        let recorded = self.recording.as_ref().is_none_or(|recording| recording.complete);
+        self.completed && self.ended_early.is_none() && self.deaths.is_empty() && recorded
+    }
+
+    /// Writes the JSON.
+    ///
+    /// # Errors
+    /// Names the file.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self).context("the summary")?;
+        std::fs::write(path, text + "\n").with_context(|| path.display().to_string())
+    }
+
+    /// The summary for people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        self.write_episodes(&mut out);
+        self.write_totals(&mut out);
+        self.write_processes(&mut out);
+        out
+    }
+
+    fn write_episodes(&self, out: &mut String) {
+        let _ = writeln!(out, "\nepisode  steps  end          reward  highlights (s)  utterances");
+        for episode in &self.episode_list {
+            let lit_s: f64 = episode.shown.iter().map(|shown| shown.duration_s).sum();
+            let (number, steps, end, reward) = (episode.episode, episode.steps, episode.end, episode.reward);
+            let said = episode.verbal_items;
+            let shown = episode.shown.len();
+            let _ = writeln!(out, "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {shown:>3} ({lit_s:>5.1} s)    {said:>9}");
+            for said in &episode.said {
+                let _ = writeln!(out, "         {:>6.2} s  said   “{}”", said.time_s, said.text);
+            }
+            for shown in &episode.shown {
+                let _ = writeln!(out, "         {:>6.2} s  showed {} for {:.2} s", shown.time_s, shown.sector, shown.duration_s);
+            }
+        }
+    }
+
+    fn write_totals(&self, out: &mut String) {
+        let Self { scene, human, planner, driver, seed, episodes, steps, .. } = self;
+        let _ = writeln!(out, "\nscene {scene} · driver {driver} · human model {human} · planner {planner} · seed {seed}");
+        let _ = writeln!(
+            out,
+            "{episodes} episodes, {steps} steps in {:.1} s ({:.0} steps/s) · {} with a collision · mean reward {:.1}",
+            self.wall_seconds,
+            *steps as f64 / self.wall_seconds.max(1e-9),
+            self.collisions,
+            self.reward_mean,
+        );
+        let _ = writeln!(
+            out,
+            "highlighted sectors × steps {} · utterances {} · cost {:.1} · missed deadlines {} · restarts {}",
+            self.visual_items, self.verbal_items, self.communication_cost, self.missed_deadlines, self.restarts,
+        );
+        let lost: Vec<_> = self.lost_messages.iter().filter(|(_, lost)| **lost > 0).collect();
+        if lost.is_empty() {
+            let _ = writeln!(out, "no message lost");
+        }
+        for (topic, lost) in lost {
+            let _ = writeln!(out, "LOST {lost} messages on {topic}");
+        }
+        if let Some(digest) = &self.digest {
+            let _ = writeln!(out, "digest {digest}");
+        }
+        if let Some(recording) = &self.recording
+            && let Some(file) = &recording.file
+        {
+            let word = if recording.complete { "complete" } else { "INCOMPLETE" };
+            let _ = writeln!(out, "recording {} ({word})", file.display());
+        }
+        for (process, how) in &self.deaths {
+            let _ = writeln!(out, "DIED {process} {how}");
+        }
+        if let Some(reason) = &self.ended_early {
+            let _ = writeln!(out, "ENDED EARLY: {reason}");
+        }
+    }
+
+    fn write_processes(&self, out: &mut String) {
+        let _ = writeln!(out, "\ncompute time per step (µs)     p50       p90       p99     p99.9       max   allocations");
+        for name in NAMES {
+            let (Some(times), Some(process)) = (self.compute_us.get(name), self.processes.get(name)) else {
+                continue;
+            };
+            let Percentiles { p50, p90, p99, p999, max } = times;
+            let allocations = process.allocations;
+            let _ = writeln!(out, "  {name:<20}{p50:>12.1}{p90:>10.1}{p99:>10.1}{p999:>10.1}{max:>10.1}{allocations:>14}");
+        }
+    }
+}

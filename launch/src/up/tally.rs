@@ -1,0 +1,182 @@
+//! Counts what happens in a run from the messages themselves: rewards, collisions, what was shown and said, and when.
+
+use anyhow::Result;
+use domains::highway::speech::SECTOR_NAMES;
+use messages::{CommAction, Display, Outcome, topic};
+use runtime::{Input, InputOptions, Launcher, StageTimer, text_of};
+use serde::Serialize;
+
+/// Something said.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Said {
+    /// Simulated seconds since the episode began.
+    pub time_s: f64,
+    /// The sector that it was about.
+    pub sector: &'static str,
+    /// The words.
+    pub text: String,
+}
+
+/// A sector highlighted without a break.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Shown {
+    /// Simulated seconds since the episode began.
+    pub time_s: f64,
+    /// How long, in simulated seconds.
+    pub duration_s: f64,
+    /// The sector.
+    pub sector: &'static str,
+}
+
+/// An episode.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Episode {
+    /// Its number, from 0.
+    pub episode: u32,
+    /// Control steps driven.
+    pub steps: u32,
+    /// `goal`, `collision`, `out of time`, or `running` if the run ended before it.
+    pub end: &'static str,
+    /// What was hit: a car's identity, −2 for the road's edge.
+    pub hit: Option<i32>,
+    /// Sum of the rewards.
+    pub reward: f64,
+    /// Sectors highlighted, summed over steps.
+    pub visual_items: u64,
+    /// Utterances.
+    pub verbal_items: u64,
+    /// Cost of all that was communicated.
+    pub communication_cost: f64,
+    /// Utterances, in order.
+    pub said: Vec<Said>,
+    /// Highlights, in order of their beginnings.
+    pub shown: Vec<Shown>,
+    /// For each sector, the place in `shown` of the highlight that lasts.
+    #[serde(skip)]
+    lit: [Option<usize>; SECTOR_NAMES.len()],
+    /// Step and cost of the newest decision.
+    #[serde(skip)]
+    decided: (u32, f64),
+}
+
+/// The launcher's view of a run.
+pub struct Tally {
+    outcome: Input<Outcome>,
+    display: Input<Display>,
+    decision: Input<CommAction>,
+    step_s: f64,
+    /// Every episode that began.
+    pub episodes: Vec<Episode>,
+    /// From the world's sensing to the display that shows it, in ns.
+    pub sensing_to_display: StageTimer,
+    /// From the world's sensing to the decision about it, in ns.
+    pub sensing_to_decision: StageTimer,
+}
+
+impl Tally {
+    /// Listens without being woken; call [`Tally::update`] some times a second.
+    ///
+    /// # Errors
+    /// When a port cannot be made.
+    pub fn new(launcher: &Launcher, step_s: f64) -> Result<Self> {
+        Ok(Self {
+            outcome: launcher.input_with(topic::OUTCOME, InputOptions::recorder())?,
+            display: launcher.input_with(topic::DISPLAY, InputOptions::recorder())?,
+            decision: launcher.input_with(topic::COMM_ACTION, InputOptions::recorder())?,
+            step_s,
+            episodes: Vec::new(),
+            sensing_to_display: StageTimer::new(),
+            sensing_to_decision: StageTimer::new(),
+        })
+    }
+
+    /// Takes in what came since the last call.
+    ///
+    /// # Errors
+    /// When a port fails.
+    pub fn update(&mut self) -> Result<()> {
+        while let Some(decision) = self.decision.next()? {
+            self.sensing_to_decision.record(decision.header.sent_ns.saturating_sub(decision.header.cause_ns));
+            let episode = entry(&mut self.episodes, decision.header.episode);
+            episode.communication_cost += f64::from(decision.cost);
+            episode.decided = (decision.header.step, f64::from(decision.cost));
+        }
+        while let Some(display) = self.display.next()? {
+            self.sensing_to_display.record(display.header.sent_ns.saturating_sub(display.header.cause_ns));
+            entry(&mut self.episodes, display.header.episode).show(display, self.step_s);
+        }
+        while let Some(outcome) = self.outcome.next()? {
+            entry(&mut self.episodes, outcome.header.episode).step(outcome);
+        }
+        Ok(())
+    }
+
+    /// Messages that the launcher itself did not see, by topic.
+    pub fn lost(&self) -> [(&'static str, u64); 3] {
+        [
+            (topic::OUTCOME, self.outcome.lost()),
+            (topic::DISPLAY, self.display.lost()),
+            (topic::COMM_ACTION, self.decision.lost()),
+        ]
+    }
+
+    /// Control steps of all episodes.
+    pub fn steps(&self) -> u64 {
+        self.episodes.iter().map(|episode| u64::from(episode.steps)).sum()
+    }
+
+    /// Ends the count: what was decided for a step that never came cost nothing.
+    pub fn close(&mut self) {
+        for episode in &mut self.episodes {
+            let (step, cost) = episode.decided;
+            if step >= episode.steps {
+                episode.communication_cost -= cost;
+            }
+        }
+    }
+}
+
+fn entry(episodes: &mut Vec<Episode>, number: u32) -> &mut Episode {
+    while episodes.len() <= number as usize {
+        let episode = episodes.len() as u32;
+        episodes.push(Episode { episode, end: "running", ..Episode::default() });
+    }
+    &mut episodes[number as usize]
+}
+
+impl Episode {
+    fn step(&mut self, outcome: &Outcome) {
+        self.steps = self.steps.max(outcome.header.step);
+        self.reward += f64::from(outcome.reward);
+        if outcome.collided != 0 {
+            self.hit = Some(outcome.other);
+        }
+        match outcome.end {
+            1 => self.end = "goal",
+            2 => self.end = "collision",
+            3 => self.end = "out of time",
+            _ => {}
+        }
+    }
+
+    fn show(&mut self, display: &Display, step_s: f64) {
+        let time_s = f64::from(display.header.step) * step_s;
+        for (sector, name) in SECTOR_NAMES.into_iter().enumerate() {
+            if display.highlighted >> sector & 1 == 0 {
+                self.lit[sector] = None;
+                continue;
+            }
+            self.visual_items += 1;
+            let place = *self.lit[sector].get_or_insert_with(|| {
+                self.shown.push(Shown { time_s, duration_s: 0.0, sector: name });
+                self.shown.len() - 1
+            });
+            self.shown[place].duration_s = time_s + step_s - self.shown[place].time_s;
+        }
+        for utterance in display.utterances.iter().take(display.utterance_count as usize) {
+            self.verbal_items += 1;
+            let sector = SECTOR_NAMES.get(utterance.sector as usize).copied().unwrap_or("?");
+            self.said.push(Said { time_s, sector, text: text_of(&utterance.text) });
+        }
+    }
+}

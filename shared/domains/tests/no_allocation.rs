@@ -1,0 +1,65 @@
+//! Neither stepping nor observing the highway allocates, nor do the drivers (DESIGN §9).
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+
+use domains::highway::{
+    Case, Cockpit, End, Expert, Observation, Person, Scene, Shown, SimulatedDriver, World,
+};
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call is passed on to the system allocator unchanged; counting touches a constant-initialised thread-local
+// that needs no allocation itself.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller keeps GlobalAlloc's contract.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps GlobalAlloc's contract.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+#[test]
+fn a_round_allocates_nothing() {
+    let scene = Arc::new(Scene::builtin("highway-fog").unwrap());
+    let mut world = World::new(Arc::clone(&scene)).unwrap();
+    let mut expert = Expert::new(&world);
+    let cockpit = Cockpit::new(&scene, world.road(), scene.ego.start_s_m);
+    let mut driver = SimulatedDriver::new(&Person::builtin(1).unwrap(), &scene.fog(), cockpit);
+    let mut observation = Observation::default();
+    let before = allocations();
+    drop(std::hint::black_box(Box::new(1)));
+    assert_eq!(allocations(), before + 1, "the counter counts");
+    for case in Case::ALL {
+        world.reset_case(1, 0, case);
+        driver.reset(1, 0);
+        let before = allocations();
+        let mut steps = 0;
+        while world.end() == End::Running {
+            world.observe(&mut observation);
+            let silent = driver.act(&observation, &Shown::default());
+            let action = expert.act(&world);
+            std::hint::black_box((silent, world.step(action)));
+            steps += 1;
+        }
+        assert!(steps > 100);
+        assert_eq!(allocations(), before, "case {}", case.number());
+    }
+}

@@ -1,0 +1,126 @@
+//! CSV files that can be continued: an experiment that was stopped skips the rows it already has.
+
+use anyhow::Context;
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// A CSV file whose first columns name a row.
+pub struct Table {
+    path: PathBuf,
+    file: Mutex<File>,
+    done: BTreeSet<String>,
+}
+
+impl Table {
+    /// Opens or begins a table. Rows that were only half written are dropped; `key` columns name a row.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or has other columns.
+    pub fn open(path: &Path, header: &str, key: usize) -> anyhow::Result<Self> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(e).with_context(|| path.display().to_string()),
+        };
+        let columns = header.split(',').count();
+        let mut kept = format!("{header}\n");
+        let mut done = BTreeSet::new();
+        if !text.is_empty() {
+            let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+            let mut lines = whole.lines();
+            anyhow::ensure!(
+                lines.next().is_none_or(|first| first == header),
+                "{}: line 1 names other columns than this experiment writes; choose another --out",
+                path.display()
+            );
+            for line in lines.filter(|line| line.split(',').count() == columns) {
+                if done.insert(key_of(line, key)) {
+                    kept.push_str(line);
+                    kept.push('\n');
+                }
+            }
+        }
+        std::fs::write(path, kept).with_context(|| path.display().to_string())?;
+        let file = OpenOptions::new()
+            .append(true)
+            .open(path)
+            .with_context(|| path.display().to_string())?;
+        Ok(Self {
+            path: path.to_owned(),
+            file: Mutex::new(file),
+            done,
+        })
+    }
+
+    /// Whether a row with this key was there when the table was opened.
+    pub fn has(&self, key: &str) -> bool {
+        self.done.contains(key)
+    }
+
+    /// Appends rows at once.
+    ///
+    /// # Errors
+    /// If the disk does not take them.
+    pub fn append(&self, rows: &str) -> anyhow::Result<()> {
+        let mut file = self
+            .file
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.write_all(rows.as_bytes())
+            .and_then(|()| file.flush())
+            .with_context(|| self.path.display().to_string())
+    }
+
+    /// Sorts the finished table by key, so that its bytes do not depend on which core was faster, and returns its rows.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn finish(self) -> anyhow::Result<Vec<Vec<String>>> {
+        let text = std::fs::read_to_string(&self.path)
+            .with_context(|| self.path.display().to_string())?;
+        let mut lines = text.lines();
+        let header = lines.next().unwrap_or_default().to_owned();
+        let mut rows: Vec<&str> = lines.collect();
+        rows.sort_unstable_by_key(|line| {
+            line.split(',')
+                .map(|cell| match cell.parse::<u64>() {
+                    Ok(number) => format!("{number:020}"),
+                    Err(_) => cell.to_owned(),
+                })
+                .collect::<Vec<_>>()
+        });
+        let sorted = format!("{header}\n{}\n", rows.join("\n"));
+        std::fs::write(&self.path, &sorted).with_context(|| self.path.display().to_string())?;
+        Ok(rows
+            .iter()
+            .map(|row| row.split(',').map(str::to_owned).collect())
+            .collect())
+    }
+}
+
+fn key_of(line: &str, columns: usize) -> String {
+    line.split(',').take(columns).collect::<Vec<_>>().join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn continues_where_it_was_cut() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("t.csv");
+        std::fs::write(&path, "a,b,c\n1,x,3\n2,y,4\n3,z").expect("written");
+        let table = Table::open(&path, "a,b,c", 2).expect("opened");
+        assert!(table.has("1,x") && table.has("2,y") && !table.has("3,z"));
+        table.append("10,q,1\n").expect("appended");
+        table.append("3,z,5\n").expect("appended");
+        let rows = table.finish().expect("finished");
+        assert_eq!(rows.len(), 4);
+        assert_eq!(rows[3][0], "10");
+        assert!(Table::open(&path, "a,b", 1).is_err());
+    }
+}

@@ -1,0 +1,151 @@
+//! A whole ELBO step and a whole implant step against PyTorch's autograd, on identical weights and inputs. The fixtures
+//! and the script that makes them are in `tools/` (`make_fixtures.py`).
+
+use models::SelfModel;
+use models::implants::Implants;
+use models::policy::unsquash;
+use models::self_model::{Sequence, SequenceStep, Sizes};
+use nn::checkpoint::{self, Checkpoint};
+use nn::{Arena, Gradients, Parameters, Tape, Tensor};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::path::Path;
+use training::implants::{Settings, Windows, negative_log_likelihood};
+
+fn fixture(name: &str) -> Checkpoint {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/fixtures");
+    checkpoint::load(&folder.join(format!("{name}.safetensors"))).unwrap()
+}
+
+fn number(file: &Checkpoint, key: &str) -> usize {
+    file.metadata_value(key).unwrap().parse().unwrap()
+}
+
+/// Random weights first, so that a parameter that the fixture does not fill would show.
+fn model_of(file: &Checkpoint) -> SelfModel {
+    let sizes = Sizes {
+        latent: number(file, "latent"),
+        hidden: number(file, "hidden"),
+        ..Sizes::HIGHWAY
+    };
+    let mut model = SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(0));
+    file.read("weight", &mut model.parameters).unwrap();
+    model
+}
+
+fn input(file: &Checkpoint, step: usize, name: &str) -> Tensor {
+    file.tensor(&format!("input.{step}.{name}")).unwrap()
+}
+
+fn assert_term(file: &Checkpoint, name: &str, found: f32) {
+    let expected = file.f32s(&format!("expected.{name}")).unwrap()[0];
+    assert!(
+        (found - expected).abs() <= 2e-5 * expected.abs().max(1.0),
+        "{name}: {found}, PyTorch finds {expected}"
+    );
+}
+
+/// Every gradient in the file, to 1e-4 of its tensor's own size; and none elsewhere.
+fn assert_gradients(file: &Checkpoint, parameters: &Parameters, gradients: &Gradients) {
+    let wanted: Vec<&str> = file
+        .names()
+        .filter_map(|name| name.strip_prefix("gradient."))
+        .collect();
+    assert!(!wanted.is_empty());
+    for (id, name, _) in parameters.iter() {
+        let found = gradients.get(id).data();
+        if !wanted.contains(&name) {
+            assert!(found.iter().all(|g| *g == 0.0), "{name} has a gradient");
+            continue;
+        }
+        let expected = file.tensor(&format!("gradient.{name}")).unwrap();
+        let size = expected.data().iter().map(|g| g * g).sum::<f32>().sqrt();
+        let difference = found
+            .iter()
+            .zip(expected.data())
+            .map(|(a, b)| (a - b) * (a - b))
+            .sum::<f32>()
+            .sqrt();
+        assert!(
+            difference <= 1e-4 * size,
+            "{name}: off by {difference} of {size}"
+        );
+    }
+    for name in wanted {
+        assert!(parameters.id(name).is_some(), "no parameter {name}");
+    }
+}
+
+#[test]
+fn a_whole_elbo_step_agrees_with_pytorch() {
+    let file = fixture("elbo_step");
+    let model = model_of(&file);
+    let sequence = Sequence {
+        steps: (0..number(&file, "steps"))
+            .map(|t| SequenceStep {
+                observed: input(&file, t, "observed"),
+                visual: input(&file, t, "visual"),
+                verbal: input(&file, t, "verbal"),
+                action: input(&file, t, "action"),
+                reward: input(&file, t, "reward"),
+                noise: input(&file, t, "noise"),
+            })
+            .collect(),
+    };
+    let mut arena = Arena::default();
+    let mut gradients = Gradients::for_params(&model.parameters);
+    let mut tape = Tape::new(&model.parameters, &mut arena);
+    let terms = model.negative_elbo(&mut tape, &sequence);
+    for (name, var) in [
+        ("loss", terms.loss),
+        ("reconstruction", terms.reconstruction),
+        ("reward", terms.reward),
+        ("divergence", terms.divergence),
+    ] {
+        assert_term(&file, name, tape.value(var)[0]);
+    }
+    tape.backward(terms.loss, &mut gradients, &|_| true);
+    assert_gradients(&file, &model.parameters, &gradients);
+}
+
+#[test]
+fn a_whole_implant_step_agrees_with_pytorch() {
+    let file = fixture("implant_step");
+    let model = model_of(&file);
+    let mut implants = Implants::new(
+        model.sizes.latent,
+        model.sizes.shape.action,
+        true,
+        &mut ChaCha8Rng::seed_from_u64(0),
+    );
+    file.read("weight", &mut implants.parameters).unwrap();
+    let mut parameters = model.parameters.clone();
+    let attached = implants.attach(&mut parameters);
+    let steps = 0..number(&file, "steps");
+    let windows = Windows {
+        visual: steps.clone().map(|t| input(&file, t, "visual")).collect(),
+        action: steps
+            .clone()
+            .map(|t| {
+                let mut action = input(&file, t, "action");
+                for a in action.data_mut() {
+                    *a = unsquash(*a);
+                }
+                action
+            })
+            .collect(),
+        previous: steps.clone().map(|t| input(&file, t, "previous")).collect(),
+        noise: steps.map(|t| input(&file, t, "noise")).collect(),
+    };
+    let settings = Settings {
+        warm_up: number(&file, "warm_up"),
+        ..Settings::default()
+    };
+    let mut arena = Arena::default();
+    let mut gradients = Gradients::for_params(&parameters);
+    let mut tape = Tape::new(&parameters, &mut arena);
+    let loss = negative_log_likelihood(&mut tape, &model, &attached, &windows, &settings);
+    assert_term(&file, "loss", tape.value(loss)[0]);
+    tape.backward(loss, &mut gradients, &|id| attached.ids().contains(&id));
+    assert_gradients(&file, &parameters, &gradients);
+}

@@ -1,0 +1,121 @@
+//! Stopping and resuming gives the same bytes as not stopping; learning implants moves nothing else.
+
+use domains::highway::{Person, Scene};
+use models::{Implants, Kind};
+use nn::Parameters;
+use std::sync::Arc;
+use training::self_model::{Settings, Trainer};
+
+fn trainer() -> Trainer {
+    let settings = Settings {
+        seed: 5,
+        episodes: 3,
+        gradient_steps: 2,
+        sequences: 4,
+        length: 3,
+        ..Settings::default()
+    };
+    Trainer::new(scene(), table(), settings).unwrap()
+}
+
+fn scene() -> Arc<Scene> {
+    Arc::new(Scene::builtin("highway-clear").unwrap())
+}
+
+fn table() -> models::utterances::UtteranceTable {
+    models::utterances::UtteranceTable::shipped().unwrap()
+}
+
+fn bits(parameters: &Parameters) -> Vec<u32> {
+    parameters
+        .iter()
+        .flat_map(|(_, _, tensor)| tensor.data().iter().map(|x| x.to_bits()))
+        .collect()
+}
+
+#[test]
+fn resumed_is_the_same_as_never_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.safetensors");
+    let mut whole = trainer();
+    let start = bits(&whole.model.parameters);
+    for _ in 0..4 {
+        whole.episode();
+    }
+    let mut first = trainer();
+    first.episode();
+    first.episode();
+    first.save(&path, "test").unwrap();
+    drop(first);
+    let mut second = Trainer::resume(&path, scene(), table()).unwrap();
+    second.episode();
+    second.episode();
+    assert_ne!(bits(&whole.model.parameters), start);
+    assert_eq!(bits(&whole.model.parameters), bits(&second.model.parameters));
+    let other = folder.path().join("whole.safetensors");
+    whole.save(&other, "test").unwrap();
+    second.save(&path, "test").unwrap();
+    assert!(std::fs::read(&other).unwrap() == std::fs::read(&path).unwrap());
+}
+
+#[test]
+fn damaged_checkpoints_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.safetensors");
+    let mut run = trainer();
+    run.episode();
+    run.save(&path, "test").unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    for length in [0, 7, 8, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        let error = Trainer::resume(&path, scene(), table()).err().unwrap();
+        assert!(error.to_string().contains("run.safetensors"), "{error}");
+    }
+}
+
+/// The self-model is only borrowed by `learn`; what the implants' tape could have moved is checked too: the clone that the
+/// tape saw is compared through the implants' own digest of the self-model.
+#[test]
+fn learning_implants_moves_nothing_else() {
+    let model = trainer().model;
+    let before = bits(&model.parameters);
+    let person = Person::builtin(1).unwrap();
+    let demonstrations =
+        training::demonstrations::record_in(scene(), &person, 1, 0, 1).unwrap();
+    let settings = training::implants::Settings {
+        iterations: 2,
+        ..Default::default()
+    };
+    let learned =
+        training::implants::learn(&model, Kind::Mirror, &demonstrations, &settings, |_, _| {})
+            .unwrap();
+    assert_eq!(before, bits(&model.parameters));
+    assert!(learned.frozen_moved.is_empty(), "{:?}", learned.frozen_moved);
+    let fresh = Implants::new(
+        model.sizes.latent,
+        2,
+        true,
+        &mut rand::SeedableRng::seed_from_u64(settings.seed),
+    );
+    assert_ne!(
+        bits(&fresh.parameters),
+        bits(&learned.implants.parameters),
+        "nothing was learned"
+    );
+}
+
+#[test]
+fn demonstrations_survive_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rounds.safetensors");
+    let person = Person::builtin(2).unwrap();
+    let mut rounds = training::demonstrations::record_in(scene(), &person, 3, 0, 2).unwrap();
+    rounds.source = "a test".to_owned();
+    rounds.save(&path).unwrap();
+    let back = training::demonstrations::Demonstrations::load(&path).unwrap();
+    assert_eq!(rounds, back);
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() - 10]).unwrap();
+    let error = training::demonstrations::Demonstrations::load(&path).err().unwrap();
+    assert!(error.to_string().contains("rounds.safetensors"));
+}

@@ -1,0 +1,158 @@
+//! What the whole-system tests share: starting `mirror`, a small untrained self-model, and looking for what a run left.
+#![allow(dead_code)] // Each test program uses its own part.
+
+use models::SelfModel;
+use models::self_model::Sizes;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use runtime::instance::{default_root, nodes, prefix};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+
+/// The program under test.
+pub fn mirror() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_mirror"))
+}
+
+/// A directory with a self-model in it that never learned anything: what these tests ask does not depend on it.
+pub struct Bench {
+    pub directory: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let model = SelfModel::new(Sizes { hidden: 16, latent: 16, ..Sizes::HIGHWAY }, &mut ChaCha8Rng::seed_from_u64(1));
+        models::checkpoint::save_self_model(&directory.path().join("self.safetensors"), &model, "tests").unwrap();
+        Self { directory }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// `mirror up` without planning, in an instance of its own.
+    pub fn up(&self, instance: &str) -> Command {
+        let mut command = mirror();
+        command.args(["up", "--human", "self", "--planner", "none", "--instance", instance, "--self-model"]);
+        command.arg(self.path("self.safetensors"));
+        command
+    }
+}
+
+/// A name that no other test uses.
+pub fn instance(test: &str) -> String {
+    format!("t-{test}-{}", std::process::id())
+}
+
+/// Runs a command to its end; its summary must have been asked for as `summary`.
+pub fn run(command: &mut Command) -> Output {
+    command.stdin(Stdio::null()).output().unwrap()
+}
+
+/// Status, standard output and standard error, for messages of failed assertions.
+pub fn told(output: &Output) -> String {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    format!("{}\n--- stdout\n{}\n--- stderr\n{}", output.status, text(&output.stdout), text(&output.stderr))
+}
+
+/// A summary's JSON.
+pub fn summary(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// A `mirror up` that goes on until it is ended.
+pub struct Live {
+    pub child: Child,
+    lines: BufReader<ChildStdout>,
+    instance: String,
+    /// Process name and id, the launcher's included.
+    pub processes: Vec<(String, u32)>,
+}
+
+impl Live {
+    /// Starts it, and returns once the first episode has begun.
+    pub fn start(command: &mut Command, instance: &str) -> Self {
+        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap());
+        let mut live = Self { child, lines, instance: instance.to_owned(), processes: Vec::new() };
+        live.wait_for_line("START");
+        let found = nodes(&default_root(), instance).unwrap();
+        live.processes = found.into_iter().map(|node| (node.process, node.pid)).collect();
+        assert_eq!(live.processes.len(), 8, "seven processes and the launcher: {:?}", live.processes);
+        live
+    }
+
+    /// Reads on until a line contains `word`.
+    pub fn wait_for_line(&mut self, word: &str) {
+        let mut line = String::new();
+        while self.lines.read_line(&mut line).unwrap() > 0 {
+            if line.contains(word) {
+                return;
+            }
+            line.clear();
+        }
+        panic!("{}: ended without a line with {word:?}", self.instance);
+    }
+
+    pub fn pid(&self, process: &str) -> u32 {
+        self.processes.iter().find(|(name, _)| name == process).unwrap().1
+    }
+
+    /// Sends a signal to one of its processes.
+    pub fn signal(&self, process: &str, signal: libc::c_int) {
+        // SAFETY: signals a process that this test started.
+        assert_eq!(unsafe { libc::kill(self.pid(process) as libc::pid_t, signal) }, 0);
+    }
+
+    /// Waits for the launcher's end, reading what it prints.
+    pub fn wait(&mut self) -> ExitStatus {
+        std::io::copy(&mut self.lines, &mut std::io::sink()).unwrap();
+        self.child.wait().unwrap()
+    }
+
+    /// Waits for the end of every process but the launcher, which are not our children; at most five seconds.
+    pub fn wait_for_processes(&self) {
+        for (name, pid) in self.processes.iter().filter(|(_, pid)| *pid != self.child.id()) {
+            let Ok(descriptor) = runtime::process_descriptor(*pid) else { continue };
+            let mut poll = libc::pollfd { fd: std::os::fd::AsRawFd::as_raw_fd(&descriptor), events: libc::POLLIN, revents: 0 };
+            // SAFETY: a live array of one.
+            assert_eq!(unsafe { libc::poll(&mut poll, 1, 5_000) }, 1, "{name} ({pid}) lives on");
+        }
+    }
+
+    /// Asserts that none of its processes lives.
+    pub fn assert_all_ended(&self) {
+        for (name, pid) in &self.processes {
+            // SAFETY: signal 0 only asks.
+            let gone = unsafe { libc::kill(*pid as libc::pid_t, 0) } != 0;
+            assert!(gone, "{}: {name} ({pid}) lives on", self.instance);
+        }
+    }
+}
+
+/// A test that fails must not leave a process set behind.
+impl Drop for Live {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Asserts that an instance left no node, no file and no shared memory.
+pub fn assert_nothing_left(instance: &str) {
+    let root = default_root();
+    assert!(nodes(&root, instance).unwrap().is_empty());
+    assert!(!root.join(instance).exists());
+    let prefix = prefix(&root, instance);
+    let left: Vec<_> = std::fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.file_name()).collect();
+    let left: Vec<_> = left.iter().filter(|name| name.to_string_lossy().starts_with(&prefix)).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
