@@ -144,6 +144,7 @@ def implant_fixture(sizes, model, generator):
             continue
         mean, deviation = gaussian(model.policy(z))
         delta = implants.delta(z)
+        deviation = (deviation**2 + torch.nn.functional.softplus(implants.noise[:, 0]) ** 2).sqrt()
         u = step["action"].clamp(-ACTION_EDGE, ACTION_EDGE).atanh()
         log_density = -0.5 * ((u - mean - delta) / deviation) ** 2 - deviation.log() - 0.5 * LOG_2PI
         likelihood = likelihood + (weight * log_density).sum(-1).mean() / (count - warm_up)

@@ -163,12 +163,13 @@ class StraightThrough(torch.autograd.Function):
 
 
 class Implants(nn.Module):
-    """36 distance thresholds τ = 41 m · σ(raw), and a residual δ(z) on the mean of the policy's Gaussian."""
+    """36 distance thresholds τ = 41 m · σ(raw), a residual δ(z) on the mean of the policy's Gaussian, and noise on its deviation."""
 
     def __init__(self, sizes: Sizes, hidden: int = 16):
         super().__init__()
         self.thresholds = nn.Parameter(torch.zeros(AZIMUTHS))
         self.residual = Mlp(sizes.latent, hidden, sizes.action)
+        self.noise = nn.Parameter(torch.full((sizes.action, 1), -1.05))
 
     def perceive(self, visual, width_m=THRESHOLD_WIDTH_M):
         """The encoder's view through the thresholds, with nothing spoken: batch × encoded."""

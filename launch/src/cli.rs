@@ -27,6 +27,9 @@ pub enum Command {
     /// Learn a model
     #[command(subcommand)]
     Train(Train),
+    /// Repeat the paper's studies with simulated people
+    #[command(subcommand)]
+    Evaluate(Evaluate),
     /// Show what is running, what a dead run left, and whether this machine's limits suffice
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
@@ -42,7 +45,7 @@ pub struct UpArguments {
     #[arg(long, value_name = "NAME|FILE", default_value = "highway-fog")]
     pub scene: String,
     /// Fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub fog: Option<f64>,
     /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), or `self`
     /// (the robot's own, unchanged)
@@ -138,6 +141,9 @@ pub struct ProcessArguments {
 /// What to learn.
 #[derive(Debug, Subcommand)]
 pub enum Train {
+    /// Learn the robot's self-model by driving, from nothing (about a quarter of an hour on two cores)
+    #[command(name = "self")]
+    Myself(TrainSelfArguments),
     /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is
     Human(TrainHumanArguments),
 }
@@ -209,4 +215,91 @@ pub struct TrainHumanArguments {
     /// Seed of the first weights and of the noise
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+}
+
+/// Options of `mirror train self`.
+#[derive(Args, Debug)]
+pub struct TrainSelfArguments {
+    /// The domain
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// Where to write the model; what is needed to continue goes to FILE.training.safetensors
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub out: PathBuf,
+    /// Seed of everything that is random [default: 0]
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    pub seed: Option<u64>,
+    /// Episodes in all, those before a --resume included [default: as many as the shipped model had]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub episodes: Option<u32>,
+    /// Continue where an earlier run stopped: the result is the same as if it had not
+    #[arg(long)]
+    pub resume: bool,
+    /// Write one line of JSON per episode to this file
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub metrics: Option<PathBuf>,
+}
+
+/// Which study.
+#[derive(Debug, Subcommand)]
+pub enum Evaluate {
+    /// Collisions and communication on the highway, in clear weather and in fog, with and without an assistant
+    Drive(EvaluateDriveArguments),
+    /// What was learned of people's sight, against the truth
+    Implants(EvaluateImplantsArguments),
+}
+
+/// Options of `mirror evaluate drive`.
+#[derive(Args, Debug)]
+pub struct EvaluateDriveArguments {
+    /// The domain
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// Conditions: clear, silent, everything (in fog), or planned with mirror, mirror-p, self (in fog)
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', default_value = "clear,silent,everything,mirror,self")]
+    pub conditions: Vec<String>,
+    /// How many of the simulated people drive
+    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=21))]
+    pub people: u32,
+    /// Seeds per person under conditions without a planner
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub seeds: u32,
+    /// Seeds per person under conditions with a planner
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub planned_seeds: u32,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Rounds that the human model learns from
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
+    pub rounds: usize,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for tables; a study that was stopped goes on from what it finds there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// Options of `mirror evaluate implants`.
+#[derive(Args, Debug)]
+pub struct EvaluateImplantsArguments {
+    /// The domain
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// How many of the simulated people
+    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=21))]
+    pub people: u32,
+    /// Rounds that the human model learns from
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
+    pub rounds: usize,
+    /// What the people could see
+    #[arg(long, value_enum, default_value_t = Setting::Transfer)]
+    pub setting: Setting,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for tables and drawings
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
 }

@@ -2,15 +2,17 @@
 
 mod cli;
 mod doctor;
+mod evaluate;
 mod failure;
 mod inputs;
 mod learn;
 mod process;
 mod screen;
+mod train_self;
 mod up;
 
 use clap::Parser;
-use cli::{Cli, Command, Train};
+use cli::{Cli, Command, Evaluate, Train};
 use std::process::ExitCode;
 
 #[global_allocator]
@@ -21,6 +23,9 @@ fn main() -> ExitCode {
         Command::Up(arguments) => up::up(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
+        Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),
+        Command::Evaluate(Evaluate::Implants(arguments)) => evaluate::implants(&arguments),
+        Command::Train(Train::Myself(arguments)) => train_self::train_self(&arguments),
         Command::Train(Train::Human(arguments)) => learn::train_human(&arguments),
         Command::Process(arguments) => process::process(&arguments),
     };

@@ -4,6 +4,7 @@ use super::plan::Plan;
 use super::tally::{Episode, Tally};
 use crate::process::NAMES;
 use anyhow::{Context, Result};
+use domains::highway::speech::SECTOR_NAMES;
 use messages::Report;
 use recorder::result::RecorderResult;
 use runtime::{ClockMode, text_of};
@@ -143,7 +144,7 @@ impl Summary {
             reward_mean: rewards.iter().sum::<f64>() / rewards.len().max(1) as f64,
             visual_items: sum(|episode| episode.visual_items),
             verbal_items: sum(|episode| episode.verbal_items),
-            communication_cost: tally.episodes.iter().map(|episode| episode.communication_cost).sum(),
+            communication_cost: tally.episodes.iter().fold(0.0, |sum, episode| sum + episode.communication_cost),
             missed_deadlines: 0,
             lost_messages: BTreeMap::new(),
             restarts: 0,
@@ -219,18 +220,21 @@ impl Summary {
     }
 
     fn write_episodes(&self, out: &mut String) {
-        let _ = writeln!(out, "\nepisode  steps  end          reward  highlights (s)  utterances");
+        let _ = writeln!(out, "\nepisode  steps  end          reward  highlights  utterances");
         for episode in &self.episode_list {
-            let lit_s: f64 = episode.shown.iter().map(|shown| shown.duration_s).sum();
-            let (number, steps, end, reward) = (episode.episode, episode.steps, episode.end, episode.reward);
-            let said = episode.verbal_items;
-            let shown = episode.shown.len();
-            let _ = writeln!(out, "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {shown:>3} ({lit_s:>5.1} s)    {said:>9}");
-            for said in &episode.said {
-                let _ = writeln!(out, "         {:>6.2} s  said   “{}”", said.time_s, said.text);
+            let Episode { episode: number, steps, end, reward, said, shown, .. } = episode;
+            let (highlights, utterances) = (shown.len(), said.len());
+            let _ = writeln!(out, "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {highlights:>10}  {utterances:>10}");
+            for said in said {
+                let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
             }
-            for shown in &episode.shown {
-                let _ = writeln!(out, "         {:>6.2} s  showed {} for {:.2} s", shown.time_s, shown.sector, shown.duration_s);
+            for sector in SECTOR_NAMES {
+                let mut of_sector = shown.iter().filter(|shown| shown.sector == sector).peekable();
+                if let Some(first) = of_sector.peek() {
+                    let from_s = first.time_s;
+                    let lit_s = of_sector.fold(0.0, |sum, shown| sum + shown.duration_s);
+                    let _ = writeln!(out, "         {from_s:>6.2} s  highlighted {sector}, for {lit_s:.1} s in all");
+                }
             }
         }
     }

@@ -25,7 +25,9 @@ pub struct Options {
 /// # Errors
 /// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    join(arguments, |node| follow(node, models::checkpoint::load_self_model(&options.model)?))
+    join(arguments, |node| {
+        follow(node, models::checkpoint::load_self_model(&options.model)?)
+    })
 }
 
 /// As [`run`], with a model that is in memory already.
@@ -48,7 +50,11 @@ fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) ->
 
 fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
+    let receive = if lockstep {
+        Receive::InOrder
+    } else {
+        Receive::Newest
+    };
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
     let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF)?;
@@ -59,7 +65,9 @@ fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
     }
     while node.wait(&mut [&mut lidar], None)? != Wake::Stop {
         lidar.take()?;
-        let Some(frame) = lidar.message() else { continue };
+        let Some(frame) = lidar.message() else {
+            continue;
+        };
         let (episode, step) = (frame.header.episode, frame.header.step);
         if step > 0 {
             // In real time a late action is not waited for: the newest there is counts.
@@ -68,8 +76,12 @@ fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
                 break;
             }
         }
-        let previous = actions.message().map_or([0.0; 2], |a| [a.throttle, a.steer]);
-        beliefs.send_with(Stamp::of(&frame.header), |out| tracker.observe(frame, previous, out))?;
+        let previous = actions
+            .message()
+            .map_or([0.0; 2], |a| [a.throttle, a.steer]);
+        beliefs.send_with(Stamp::of(&frame.header), |out| {
+            tracker.observe(frame, previous, out)
+        })?;
         node.end_step();
     }
     Ok(())

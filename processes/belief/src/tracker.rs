@@ -1,7 +1,7 @@
 //! Turns a LIDAR frame into the robot's belief, without allocating.
 
-use messages::{BEAMS, LidarFrame, RobotBelief};
-use models::observation::Encoded;
+use messages::{LidarFrame, RobotBelief};
+use models::observation::{Encoded, read_visual};
 use models::self_model::Decoder;
 use models::{Filter, Observations, SelfModel};
 use nn::Tensor;
@@ -70,10 +70,7 @@ impl Tracker {
         out.verbal.copy_from_slice(self.decoded.verbal.column(0));
         out.reward = self.reward.column(0)[0];
         let (decoded, sensed) = (self.decoded.visual.column(0), self.sensed.visual.column(0));
-        out.lidar.copy_from_slice(decoded);
-        for range in &mut out.lidar[..BEAMS] {
-            *range = 1.0 - *range; // models see nearness, messages carry range
-        }
+        read_visual(decoded, &mut out.lidar);
         let squared = decoded.iter().zip(sensed).map(|(a, b)| (a - b) * (a - b));
         out.surprise = squared.sum::<f32>() / sensed.len() as f32;
     }

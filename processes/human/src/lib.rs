@@ -41,7 +41,11 @@ impl Options {
                 let implants = models::checkpoint::load_implants(path, &model)?;
                 if implants.has_policy() != (kind == Kind::Mirror) {
                     let has = if implants.has_policy() { "a" } else { "no" };
-                    bail!("{}: has {has} policy implant, which is not human model `{}`", path.display(), kind.name());
+                    bail!(
+                        "{}: has {has} policy implant, which is not human model `{}`",
+                        path.display(),
+                        kind.name()
+                    );
                 }
                 Some(implants)
             }
@@ -78,7 +82,11 @@ fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) ->
 
 fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
+    let receive = if lockstep {
+        Receive::InOrder
+    } else {
+        Receive::Newest
+    };
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
@@ -95,18 +103,28 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
         if !displays.take()? {
             continue;
         }
-        let Some(display) = displays.message() else { continue };
+        let Some(display) = displays.message() else {
+            continue;
+        };
         let (episode, step) = (display.header.episode, display.header.step);
         let deadline = if lockstep { None } else { Some(now_ns()) };
         if node.wait_step(&mut [&mut lidar], episode, step, deadline)? == Wake::Stop {
             break;
         }
-        if step > 0 && node.wait_step(&mut [&mut actions], episode, step - 1, deadline)? == Wake::Stop {
+        if step > 0
+            && node.wait_step(&mut [&mut actions], episode, step - 1, deadline)? == Wake::Stop
+        {
             break;
         }
-        let Some(frame) = lidar.message() else { continue };
-        let taken = actions.message().map_or([0.0; 2], |a| [a.throttle, a.steer]);
-        beliefs.send_with(Stamp::of(&frame.header), |out| person.observe(frame, display, taken, out))?;
+        let Some(frame) = lidar.message() else {
+            continue;
+        };
+        let taken = actions
+            .message()
+            .map_or([0.0; 2], |a| [a.throttle, a.steer]);
+        beliefs.send_with(Stamp::of(&frame.header), |out| {
+            person.observe(frame, display, taken, out)
+        })?;
         node.end_step();
     }
     Ok(())

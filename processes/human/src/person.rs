@@ -1,7 +1,9 @@
 //! The person as the human model sees them: what they believe now, what they believed a moment ago, and groups of
 //! imagined people that start from there. Allocates nothing once each group's size has been seen.
 
-use messages::{Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, SECTORS};
+use messages::{
+    Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, SECTORS,
+};
 use models::imagined::ImaginedGroups;
 use models::observation::Shape;
 use models::policy::ActionDistribution;
@@ -79,7 +81,13 @@ impl Person {
     /// Updates z^H with what the person could perceive in `frame`, what `display` showed and said, and `taken`, the action
     /// that they took one step before (ignored at an episode's start); writes belief and prediction into `out`, all but
     /// the header.
-    pub fn observe(&mut self, frame: &LidarFrame, display: &Display, taken: [f32; 2], out: &mut HumanBelief) {
+    pub fn observe(
+        &mut self,
+        frame: &LidarFrame,
+        display: &Display,
+        taken: [f32; 2],
+        out: &mut HumanBelief,
+    ) {
         let (episode, step) = (frame.header.episode, frame.header.step);
         let starts = step == 0 || self.position.is_none_or(|(seen, _)| seen != episode);
         if starts {
@@ -90,7 +98,13 @@ impl Person {
         self.observations.set_lidar(0, &frame.range, &frame.ego);
         let communicated = self.hear(display);
         self.action.column_mut(0).copy_from_slice(&taken);
-        self.model.perceive(&mut self.beliefs, &self.action, &self.observations, &[communicated], None);
+        self.model.perceive(
+            &mut self.beliefs,
+            &self.action,
+            &self.observations,
+            &[communicated],
+            None,
+        );
         self.model.act(&self.beliefs, &mut self.expected);
         self.position = Some((episode, step));
         self.remember();
@@ -138,7 +152,8 @@ impl Person {
         for (mean, u) in out.action_mean.iter_mut().zip(self.expected.mean.column(0)) {
             *mean = u.tanh();
         }
-        out.action_deviation.copy_from_slice(self.expected.deviation.column(0));
+        out.action_deviation
+            .copy_from_slice(self.expected.deviation.column(0));
         let kind = self.model.kind().as_bytes();
         let length = kind.len().min(out.kind.len());
         out.kind[..length].copy_from_slice(&kind[..length]);
@@ -155,25 +170,52 @@ impl Person {
         let actions = match question.phase {
             phase::START if (1..=MAX_GROUP).contains(&rows) => {
                 let position = Some((question.header.episode, question.header.step));
-                let Some(start) = self.remembered.iter().find(|kept| kept.position == position) else {
+                let Some(start) = self
+                    .remembered
+                    .iter()
+                    .find(|kept| kept.position == position)
+                else {
                     answer.status = status::NO_BELIEF;
                     return;
                 };
                 self.rows[group] = rows;
                 let known = (question.action_known != 0).then_some(question.action);
-                self.groups.start(&mut *self.model, &start.beliefs, group, rows, question.seed, known)
+                self.groups.start(
+                    &mut *self.model,
+                    &start.beliefs,
+                    group,
+                    rows,
+                    question.seed,
+                    known,
+                )
             }
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
                 self.imagined.resize(rows);
-                self.imagined.visual.data_mut().copy_from_slice(question.lidar[..rows].as_flattened());
-                for (bits, asked) in self.communicated.iter_mut().zip(&question.communicated[..rows]) {
+                self.imagined
+                    .visual
+                    .data_mut()
+                    .copy_from_slice(question.lidar[..rows].as_flattened());
+                for (bits, asked) in self
+                    .communicated
+                    .iter_mut()
+                    .zip(&question.communicated[..rows])
+                {
                     *bits = Communicated(*asked);
                 }
                 let communicated = &self.communicated[..rows];
                 if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
-                    self.imagined.verbal.data_mut().copy_from_slice(question.verbal[..rows].as_flattened());
+                    self.imagined
+                        .verbal
+                        .data_mut()
+                        .copy_from_slice(question.verbal[..rows].as_flattened());
                 }
-                self.groups.step(&mut *self.model, group, &self.imagined, communicated, question.seed)
+                self.groups.step(
+                    &mut *self.model,
+                    group,
+                    &self.imagined,
+                    communicated,
+                    question.seed,
+                )
             }
             phase::FORGET => {
                 self.groups.forget(group);
@@ -184,7 +226,9 @@ impl Person {
             _ => return,
         };
         let Ok(actions) = actions else { return };
-        answer.action[..rows].as_flattened_mut().copy_from_slice(actions.data());
+        answer.action[..rows]
+            .as_flattened_mut()
+            .copy_from_slice(actions.data());
         answer.status = status::ANSWERED;
     }
 }

@@ -48,8 +48,12 @@ impl Desk {
         people: &mut dyn ImaginedPeople,
     ) -> Result<Decision, PeopleError> {
         let latent = self.mean.rows();
-        self.mean.column_mut(0).copy_from_slice(&belief.mean[..latent]);
-        self.deviation.column_mut(0).copy_from_slice(&belief.deviation[..latent]);
+        self.mean
+            .column_mut(0)
+            .copy_from_slice(&belief.mean[..latent]);
+        self.deviation
+            .column_mut(0)
+            .copy_from_slice(&belief.deviation[..latent]);
         // A whole number of steps must not become one more by rounding. The decision is for the step after this one.
         let ready_steps = (speech_ready_s / self.step_s - 1e-3).ceil().max(0.0) as usize;
         let from = From {
@@ -68,8 +72,10 @@ impl Desk {
     pub fn write(&self, decision: &Decision, late: bool, out: &mut CommAction) {
         out.visual = decision.communicated.visual_bits();
         out.verbal = decision.communicated.verbal_bits();
-        out.visual_probability.copy_from_slice(&decision.probability[..SECTORS]);
-        out.verbal_probability.copy_from_slice(&decision.probability[SECTORS..]);
+        out.visual_probability
+            .copy_from_slice(&decision.probability[..SECTORS]);
+        out.verbal_probability
+            .copy_from_slice(&decision.probability[SECTORS..]);
         out.value = decision.value;
         out.value_silent = decision.value_silent;
         out.cost = decision.cost;

@@ -65,7 +65,10 @@ impl Options {
             bail!("planner settings: {problem}");
         }
         if !(self.step_s > 0.0 && self.step_s.is_finite()) {
-            bail!("planner options: step_s must be positive, not {}", self.step_s);
+            bail!(
+                "planner options: step_s must be positive, not {}",
+                self.step_s
+            );
         }
         Ok(())
     }
@@ -80,7 +83,10 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     join(arguments, |node| match options.method {
         Method::None => say_nothing(node),
         Method::Ce => {
-            let path = options.model.as_ref().context("planner options: method `ce` needs a model")?;
+            let path = options
+                .model
+                .as_ref()
+                .context("planner options: method `ce` needs a model")?;
             decide(node, options, &models::checkpoint::load_self_model(path)?)
         }
     })
@@ -108,7 +114,11 @@ fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) ->
 /// Sends empty decisions.
 fn say_nothing(node: &mut Node) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
+    let receive = if lockstep {
+        Receive::InOrder
+    } else {
+        Receive::Newest
+    };
     let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
     if node.ready()? == Wake::Stop {
@@ -116,8 +126,12 @@ fn say_nothing(node: &mut Node) -> Result<()> {
     }
     while node.wait(&mut [&mut robot], None)? != Wake::Stop {
         robot.take()?;
-        let Some(header) = robot.header() else { continue };
-        decisions.send_with(Stamp::of(header).next(), |out| out.reason = reason::NO_PLANNER)?;
+        let Some(header) = robot.header() else {
+            continue;
+        };
+        decisions.send_with(Stamp::of(header).next(), |out| {
+            out.reason = reason::NO_PLANNER
+        })?;
         node.end_step();
     }
     Ok(())
@@ -126,7 +140,11 @@ fn say_nothing(node: &mut Node) -> Result<()> {
 /// Sends planned decisions.
 fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep { Receive::InOrder } else { Receive::Newest };
+    let receive = if lockstep {
+        Receive::InOrder
+    } else {
+        Receive::Newest
+    };
     let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
     let mut human = node.input::<HumanBelief>(topic::HUMAN_BELIEF, receive)?;
     let mut driver = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
@@ -142,36 +160,59 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
     }
     while node.wait(&mut [&mut robot], None)? != Wake::Stop {
         robot.take()?;
-        let Some(belief) = robot.message() else { continue };
+        let Some(belief) = robot.message() else {
+            continue;
+        };
         let stamp = Stamp::of(&belief.header);
         if belief.latent as usize != model.sizes.latent {
-            bail!("belief/robot has {} dimensions, the planner's self-model {}", belief.latent, model.sizes.latent);
+            bail!(
+                "belief/robot has {} dimensions, the planner's self-model {}",
+                belief.latent,
+                model.sizes.latent
+            );
         }
         let deadline_ns = patience_ns.map(|patience| now_ns() + patience);
-        match node.wait_step(&mut [&mut human, &mut driver, &mut displays], stamp.episode, stamp.step, deadline_ns) {
+        match node.wait_step(
+            &mut [&mut human, &mut driver, &mut displays],
+            stamp.episode,
+            stamp.step,
+            deadline_ns,
+        ) {
             Ok(Wake::Stop) => break,
             Ok(_) => {}
             // The episode ended with this step: nobody acted any more.
-            Err(NodeError::Overtaken { got_episode, .. }) if got_episode > stamp.episode => continue,
+            Err(NodeError::Overtaken { got_episode, .. }) if got_episode > stamp.episode => {
+                continue;
+            }
             Err(error) => return Err(error.into()),
         }
         // In real time the wait may have ended without one of them.
         let is_of_step = |header: Option<&Header>| {
             header.is_some_and(|h| (h.episode, h.step) >= (stamp.episode, stamp.step))
         };
-        let acted = driver.message().filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
+        let acted = driver
+            .message()
+            .filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
         let known_action = acted.map(|a| [a.throttle, a.steer]);
         let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
         let decision = if is_of_step(human.header()) {
             let (client, waiting) = (&mut client, &mut waiting);
-            let mut people = RemotePeople { node, client, stamp, patience_ns, waiting };
+            let mut people = RemotePeople {
+                node,
+                client,
+                stamp,
+                patience_ns,
+                waiting,
+            };
             desk.plan(model, belief, known_action, speech_ready_s, &mut people)
         } else {
             Err(PeopleError::NoBelief)
         };
         let late = !lockstep && now_ns() > belief.header.cause_ns + desk.step_ns();
         match decision {
-            Ok(decision) => decisions.send_with(stamp.next(), |out| desk.write(&decision, late, out))?,
+            Ok(decision) => {
+                decisions.send_with(stamp.next(), |out| desk.write(&decision, late, out))?
+            }
             Err(PeopleError::Stopped) => break,
             Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
             Err(PeopleError::Silent(_) | PeopleError::NoBelief) => {

@@ -46,7 +46,12 @@ pub struct RemotePeople<'a> {
 }
 
 impl RemotePeople<'_> {
-    fn send(&mut self, group: usize, rows: usize, write: impl FnOnce(&mut ImagineRequest)) -> Result<(), PeopleError> {
+    fn send(
+        &mut self,
+        group: usize,
+        rows: usize,
+        write: impl FnOnce(&mut ImagineRequest),
+    ) -> Result<(), PeopleError> {
         self.waiting.groups[group].answered = false;
         self.waiting.groups[group].rows = rows;
         let sent = self.client.ask(self.stamp, |question| {
@@ -59,12 +64,16 @@ impl RemotePeople<'_> {
 
     /// Takes in the answer that the client holds.
     fn keep(&mut self) -> Result<(), PeopleError> {
-        let Some(answer) = self.client.answer() else { return Ok(()) };
+        let Some(answer) = self.client.answer() else {
+            return Ok(());
+        };
         let header = &answer.header;
         if (header.episode, header.step) != (self.stamp.episode, self.stamp.step) {
             return Ok(()); // an answer to a plan that was given up
         }
-        let Some(place) = self.waiting.groups.get_mut(answer.group as usize) else { return Ok(()) };
+        let Some(place) = self.waiting.groups.get_mut(answer.group as usize) else {
+            return Ok(());
+        };
         let rows = answer.rows as usize;
         if answer.status != 0 || rows != place.rows || rows > MAX_GROUP {
             return Err(PeopleError::NoBelief);
@@ -111,10 +120,14 @@ impl ImaginedPeople for RemotePeople<'_> {
             for (asked, bits) in question.communicated.iter_mut().zip(communicated) {
                 *asked = bits.0;
             }
-            question.lidar[..rows].as_flattened_mut().copy_from_slice(observations.visual.data());
+            question.lidar[..rows]
+                .as_flattened_mut()
+                .copy_from_slice(observations.visual.data());
             // Without a word to anybody, all of this is masked.
             if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
-                question.verbal[..rows].as_flattened_mut().copy_from_slice(observations.verbal.data());
+                question.verbal[..rows]
+                    .as_flattened_mut()
+                    .copy_from_slice(observations.verbal.data());
             }
         })
     }
@@ -122,11 +135,17 @@ impl ImaginedPeople for RemotePeople<'_> {
     fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
         let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
         while !self.waiting.groups[group].answered {
-            match self.client.wait_answer(self.node, deadline_ns).map_err(unreachable_node)? {
+            match self
+                .client
+                .wait_answer(self.node, deadline_ns)
+                .map_err(unreachable_node)?
+            {
                 Wake::Message => self.keep()?,
                 Wake::Stop => return Err(PeopleError::Stopped),
                 Wake::Deadline => {
-                    return Err(PeopleError::Silent(self.patience_ns.unwrap_or_default() / 1_000_000));
+                    return Err(PeopleError::Silent(
+                        self.patience_ns.unwrap_or_default() / 1_000_000,
+                    ));
                 }
             }
         }

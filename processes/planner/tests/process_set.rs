@@ -50,7 +50,12 @@ fn in_processes() -> Sent {
         assert_eq!(report.allocations, 0, "{process} allocated in its loop");
         assert_eq!(report.steps, u64::from(EPISODES * STEPS), "{process}");
         for port in &report.ports[..report.port_count as usize] {
-            assert_eq!(port.lost, 0, "{process} lost {}", runtime::text_of(&port.topic));
+            assert_eq!(
+                port.lost,
+                0,
+                "{process} lost {}",
+                runtime::text_of(&port.topic)
+            );
         }
     }
     sent
@@ -101,7 +106,9 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             };
             taken = [action.throttle, action.steer];
             let ready_s = display.speech_ready_s;
-            let decision = desk.plan(&model, &robot, Some(taken), ready_s, &mut local).expect("local people answer");
+            let decision = desk
+                .plan(&model, &robot, Some(taken), ready_s, &mut local)
+                .expect("local people answer");
             let mut out = CommAction::ZERO;
             desk.write(&decision, false, &mut out);
             decisions.push(out);
@@ -116,18 +123,48 @@ fn processes_decide_what_one_process_decides() {
     let second = in_processes();
     let (decisions, people) = in_process();
     let count = (EPISODES * STEPS) as usize;
-    assert_eq!([first.decisions.len(), second.decisions.len(), decisions.len()], [count; 3]);
+    assert_eq!(
+        [
+            first.decisions.len(),
+            second.decisions.len(),
+            decisions.len()
+        ],
+        [count; 3]
+    );
     for i in 0..count {
-        assert_eq!(without_header(&first.decisions[i]), without_header(&decisions[i]), "decision {i}");
-        assert_eq!(first.people[i].mean[..], *people[i].mean.column(0), "belief of the person {i}");
-        assert_eq!(without_header(&first.decisions[i]), without_header(&second.decisions[i]));
-        assert_eq!(without_header(&first.people[i]), without_header(&second.people[i]));
-        assert_eq!(without_header(&first.robots[i]), without_header(&second.robots[i]));
+        assert_eq!(
+            without_header(&first.decisions[i]),
+            without_header(&decisions[i]),
+            "decision {i}"
+        );
+        assert_eq!(
+            first.people[i].mean[..],
+            *people[i].mean.column(0),
+            "belief of the person {i}"
+        );
+        assert_eq!(
+            without_header(&first.decisions[i]),
+            without_header(&second.decisions[i])
+        );
+        assert_eq!(
+            without_header(&first.people[i]),
+            without_header(&second.people[i])
+        );
+        assert_eq!(
+            without_header(&first.robots[i]),
+            without_header(&second.robots[i])
+        );
     }
     // The comparison means something only where something was said and shown, and something was not.
     let bits = |d: &CommAction| (d.visual | d.verbal << 8).count_ones();
-    assert!(decisions.iter().any(|d| bits(d) > 0), "nothing was ever communicated");
-    assert!(decisions.iter().any(|d| bits(d) < 12), "everything was always communicated");
+    assert!(
+        decisions.iter().any(|d| bits(d) > 0),
+        "nothing was ever communicated"
+    );
+    assert!(
+        decisions.iter().any(|d| bits(d) < 12),
+        "everything was always communicated"
+    );
     assert!(first.people.iter().any(|p| p.log_likelihood != 0.0));
 }
 
@@ -145,8 +182,15 @@ fn another_seed_decides_otherwise() {
         let mut person = Beliefs::new(human.latent(), 1);
         person.fresh = false;
         let robot = RobotBelief::ZERO;
-        let mut local = LocalPeople { model: &mut human, person: &person, groups: &mut groups, pending: &mut pending };
-        desk.plan(&model, &robot, None, 0.0, &mut local).expect("local people answer").probability
+        let mut local = LocalPeople {
+            model: &mut human,
+            person: &person,
+            groups: &mut groups,
+            pending: &mut pending,
+        };
+        desk.plan(&model, &robot, None, 0.0, &mut local)
+            .expect("local people answer")
+            .probability
     };
     assert_eq!(probabilities(1), probabilities(1));
     assert_ne!(probabilities(1), probabilities(2));

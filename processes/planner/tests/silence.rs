@@ -8,11 +8,15 @@ use runtime::ClockMode;
 use support::{Script, Set};
 
 fn said_nothing(decision: &CommAction, reason: u32) {
-    assert_eq!((decision.visual, decision.verbal, decision.reason), (0, 0, reason));
+    assert_eq!(
+        (decision.visual, decision.verbal, decision.reason),
+        (0, 0, reason)
+    );
 }
 
 fn publish_rest(set: &mut Set, step: u32) {
-    let (mut frame, mut display, mut action) = (LidarFrame::ZERO, Display::ZERO, DriverAction::ZERO);
+    let (mut frame, mut display, mut action) =
+        (LidarFrame::ZERO, Display::ZERO, DriverAction::ZERO);
     for header in [&mut frame.header, &mut display.header, &mut action.header] {
         header.step = step;
     }
@@ -21,7 +25,10 @@ fn publish_rest(set: &mut Set, step: u32) {
 
 #[test]
 fn without_a_planner_every_step_gets_an_empty_decision() {
-    let options = Options { method: Method::None, ..support::options() };
+    let options = Options {
+        method: Method::None,
+        ..support::options()
+    };
     let mut set = Set::start_with(ClockMode::Lockstep, &["planner"], options);
     for step in 0..3 {
         set.publish_beliefs(0, step, false);
@@ -73,15 +80,30 @@ fn an_episode_may_end_between_belief_and_action() {
 #[test]
 fn impossible_options_are_refused_before_anything_starts() {
     let root = tempfile::tempdir_in("/tmp").expect("a temporary directory");
-    let arguments = runtime::RunArguments::new(root.path(), "never", 1, ClockMode::Lockstep).expect("a good name");
+    let arguments = runtime::RunArguments::new(root.path(), "never", 1, ClockMode::Lockstep)
+        .expect("a good name");
     let refuses = |options: Options, word: &str| {
-        let error = planner::run(&arguments, &options).expect_err("refused").to_string();
+        let error = planner::run(&arguments, &options)
+            .expect_err("refused")
+            .to_string();
         assert!(error.contains(word), "{error}");
     };
     let mut options = support::options();
     options.settings.elites = 1000;
     refuses(options, "elites");
-    refuses(Options { step_s: 0.0, ..support::options() }, "step_s");
+    refuses(
+        Options {
+            step_s: 0.0,
+            ..support::options()
+        },
+        "step_s",
+    );
     refuses(support::options(), "needs a model");
-    refuses(Options { model: Some("/nowhere/self.safetensors".into()), ..support::options() }, "/nowhere/self.safetensors");
+    refuses(
+        Options {
+            model: Some("/nowhere/self.safetensors".into()),
+            ..support::options()
+        },
+        "/nowhere/self.safetensors",
+    );
 }

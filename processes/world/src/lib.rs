@@ -51,7 +51,9 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
 fn lockstep(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32) -> Result<Wake> {
     let mut outcome = Outcome::default();
     for step in 0.. {
-        ports.skip()?;
+        if ports.keep_together(node, episode, step)? == Wake::Stop {
+            return Ok(Wake::Stop);
+        }
         if outcome.end != End::Running {
             // When these two are there, everything that others send in this episode has been sent.
             if ports.await_last(node, episode, step)? == Wake::Stop {
@@ -78,7 +80,6 @@ fn real_time(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32
     let mut ticker = Ticker::new(now_ns(), period_ns as u64);
     let (mut outcome, mut held) = (Outcome::default(), [0.0; 2]);
     for step in 0.. {
-        ports.skip()?;
         ports.publish(world, &outcome, episode, step)?;
         if outcome.end != End::Running {
             break;

@@ -4,10 +4,12 @@ use anyhow::Result;
 use domains::highway::traffic::CarState;
 use domains::highway::{self, End, World};
 use messages::{CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, topic};
-use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, Stamp, Wake, now_ns};
+use runtime::{ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns};
 
-/// How often the end of an episode looks for the planner's last decision.
+/// How often the world looks for messages that do not wake it.
 const LOOK_NS: u64 = 200_000;
+/// Steps that the human model may be behind; a port's buffer holds four times as many.
+const MOST_BEHIND: u32 = 16;
 
 /// Ports of the world process.
 pub struct Ports {
@@ -43,25 +45,25 @@ impl Ports {
         })
     }
 
-    /// Passes over the beliefs and decisions that came since the last step.
-    pub fn skip(&mut self) -> Result<()> {
-        self.human.take()?;
+    /// Passes over the beliefs and decisions that came since the last step. Waits for a human model that has fallen far
+    /// behind: without a planner nobody else waits for it, and its inputs would overflow.
+    pub fn keep_together(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
         self.decision.take()?;
-        Ok(())
+        self.human.take()?;
+        let Some(oldest) = step.checked_sub(MOST_BEHIND) else { return Ok(Wake::Message) };
+        let seen = |header: &messages::Header| (header.episode, header.step) >= (episode, oldest);
+        if self.human.header().is_some_and(seen) {
+            return Ok(Wake::Message);
+        }
+        look_until(|deadline| node.wait_step(&mut [&mut self.human], episode, oldest, Some(deadline)))
     }
 
-    /// Waits for the human model's belief of the last step and the planner's decision after it. There is no bell, so it
-    /// looks every [`LOOK_NS`].
+    /// Waits for the human model's belief of the last step and the planner's decision after it.
     pub fn await_last(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
-        loop {
-            let deadline = Some(now_ns() + LOOK_NS);
-            let wake = match node.wait_step(&mut [&mut self.decision], episode, step, deadline)? {
-                Wake::Message => node.wait_step(&mut [&mut self.human], episode, step - 1, deadline)?,
-                wake => wake,
-            };
-            if wake != Wake::Deadline {
-                return Ok(wake);
-            }
+        let Self { human, decision, .. } = self;
+        match look_until(|deadline| node.wait_step(&mut [decision], episode, step, Some(deadline)))? {
+            Wake::Stop => Ok(Wake::Stop),
+            _ => look_until(|deadline| node.wait_step(&mut [human], episode, step - 1, Some(deadline))),
         }
     }
 
@@ -100,6 +102,16 @@ impl Ports {
             })?;
         }
         Ok(())
+    }
+}
+
+/// Waits for inputs without a bell by looking every [`LOOK_NS`].
+fn look_until(mut look: impl FnMut(u64) -> Result<Wake, NodeError>) -> Result<Wake> {
+    loop {
+        match look(now_ns() + LOOK_NS)? {
+            Wake::Deadline => {}
+            wake => return Ok(wake),
+        }
     }
 }
 

@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         episodes: episodes.parse()?,
         length: std::env::var("LENGTH").map_or(Ok(8), |s| s.parse())?,
         sequences: std::env::var("SEQUENCES").map_or(Ok(75), |s| s.parse())?,
-        imitation_decay: std::env::var("DECAY").map_or(Ok(0.99), |s| s.parse())?,
+        imitation_decay: std::env::var("DECAY").map_or(Ok(0.995), |s| s.parse())?,
         keep: std::env::var("KEEP").map_or(Ok(0.35), |s| s.parse())?,
         ..Default::default()
     };

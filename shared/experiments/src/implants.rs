@@ -160,6 +160,7 @@ pub fn write_csv(reports: &[Report], out: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If a file cannot be written.
 pub fn draw(reports: &[Report], out: &Path) -> anyhow::Result<()> {
+    register_font();
     let columns = reports.len().clamp(1, 4);
     let rows = reports.len().div_ceil(columns).max(1);
     let size = (columns as u32 * 320, rows as u32 * 340);
@@ -174,6 +175,13 @@ pub fn draw(reports: &[Report], out: &Path) -> anyhow::Result<()> {
     let root = BitMapBackend::new(&png, size).into_drawing_area();
     draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", png.display()))?;
     root.present().map_err(|e| anyhow!("{}: {e}", png.display()))
+}
+
+/// Bitmaps need a font of their own: the machine may have none.
+fn register_font() {
+    const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
+    // Registering again, or a font that the library refuses, only means that drawing says so itself.
+    let _ = plotters::style::register_font("sans-serif", FontStyle::Normal, FONT);
 }
 
 fn draw_on<B: DrawingBackend>(

@@ -1,7 +1,9 @@
 //! Model implants: the few parameters that turn the robot's self-model into a model of a person (paper §III-B).
 //!
 //! *Perceptual implant*: a threshold per azimuth; what is farther than τ_a is not seen (paper, figure 4).
-//! *Policy implant*: a small residual δ(z^H) on the mean of the policy's Gaussian.
+//! *Policy implant*: a small residual δ(z^H) on the mean of the policy's Gaussian, and noise ν on its deviation,
+//! N(μ + δ, σ² + ν²): people are less exact than the robot ("simple implants can simply add noise", ibid.). Without the
+//! noise, one moment in which a person brakes a little later than the robot would outweigh everything they saw.
 
 use crate::observation::{AZIMUTHS, BANDS, EGO, RANGE_M, Shape, nearest, nearest_of_all};
 use crate::policy::ActionDistribution;
@@ -16,15 +18,27 @@ pub const RESIDUAL_HIDDEN: usize = 16;
 /// Factor on the residual network's output (DESIGN §11).
 pub const RESIDUAL_SCALE: f32 = 0.1;
 
+/// ν before softplus at the start: 0.3.
+const FIRST_NOISE: f32 = -1.05;
+
 /// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
 #[derive(Clone, Debug)]
 pub struct Implants {
     /// Thresholds (`36 × 1`, before the logistic function) and the residual's weights.
     pub parameters: Parameters,
     thresholds: ParamId,
-    /// Residual network; none for MIRROR-P, which has the perceptual implant only.
-    residual: Option<Mlp>,
+    /// None for MIRROR-P, which has the perceptual implant only.
+    policy: Option<PolicyImplant>,
     latent: usize,
+}
+
+/// The policy implant's parts.
+#[derive(Clone, Debug)]
+pub struct PolicyImplant {
+    /// δ: `z → 2`.
+    pub residual: Mlp,
+    /// ν before softplus, `2 × 1`.
+    pub noise: ParamId,
 }
 
 /// The implants' parameters inside a larger set, next to the self-model's, so that one tape reaches both.
@@ -32,8 +46,8 @@ pub struct Implants {
 pub struct Attached {
     /// Thresholds before the logistic function.
     pub thresholds: ParamId,
-    /// Residual network.
-    pub residual: Option<Mlp>,
+    /// Policy implant.
+    pub policy: Option<PolicyImplant>,
     ids: Vec<ParamId>,
 }
 
@@ -49,31 +63,34 @@ impl Implants {
     pub fn new(latent: usize, actions: usize, with_policy: bool, rng: &mut ChaCha8Rng) -> Self {
         let mut parameters = Parameters::default();
         let thresholds = parameters.add("implant.thresholds", Tensor::new(AZIMUTHS, 1));
-        let residual = with_policy.then(|| {
-            let mlp = Mlp::new(
+        let policy = with_policy.then(|| {
+            let residual = Mlp::new(
                 &mut parameters,
                 "implant.residual",
                 &[latent, RESIDUAL_HIDDEN, actions],
                 Activation::Identity,
                 rng,
             );
-            if let Some(last) = mlp.layers.last() {
+            if let Some(last) = residual.layers.last() {
                 parameters.get_mut(last.weight).fill(0.0);
                 parameters.get_mut(last.bias).fill(0.0);
             }
-            mlp
+            let mut noise = Tensor::new(actions, 1);
+            noise.fill(FIRST_NOISE);
+            let noise = parameters.add("implant.noise", noise);
+            PolicyImplant { residual, noise }
         });
         Self {
             parameters,
             thresholds,
-            residual,
+            policy,
             latent,
         }
     }
 
     /// Whether there is a policy implant.
     pub fn has_policy(&self) -> bool {
-        self.residual.is_some()
+        self.policy.is_some()
     }
 
     /// Dimensions of the latent that the residual reads.
@@ -96,17 +113,18 @@ impl Implants {
             new
         };
         let thresholds = copy(self.thresholds);
-        let residual = self.residual.as_ref().map(|mlp| {
-            let mut mlp = mlp.clone();
-            for layer in &mut mlp.layers {
+        let policy = self.policy.as_ref().map(|policy| {
+            let mut residual = policy.residual.clone();
+            for layer in &mut residual.layers {
                 layer.weight = copy(layer.weight);
                 layer.bias = copy(layer.bias);
             }
-            mlp
+            let noise = copy(policy.noise);
+            PolicyImplant { residual, noise }
         });
         Attached {
             thresholds,
-            residual,
+            policy,
             ids,
         }
     }
@@ -125,11 +143,15 @@ impl Implants {
     pub fn visible(thresholds_m: &[f32; AZIMUTHS], visual: &[f32], mask: &mut [f32]) {
         let nearest = nearest_of_all(visual);
         for ((mask, nearest), threshold_m) in mask.iter_mut().zip(nearest).zip(thresholds_m) {
-            *mask = if range_m(nearest) <= *threshold_m { 1.0 } else { 0.0 };
+            *mask = if range_m(nearest) <= *threshold_m {
+                1.0
+            } else {
+                0.0
+            };
         }
     }
 
-    /// Adds δ(z) to the mean of a batch of action distributions; `delta` is `2 × batch` scratch.
+    /// Adds δ(z) to the mean of a batch of action distributions and ν to their deviation; `delta` is `2 × batch` scratch.
     pub fn shift(
         &self,
         z: &Tensor,
@@ -137,12 +159,27 @@ impl Implants {
         scratch: &mut MlpScratch,
         delta: &mut Tensor,
     ) {
-        if let Some(residual) = &self.residual {
-            residual.infer(&self.parameters, z, scratch, delta);
-            for (mean, delta) in distribution.mean.data_mut().iter_mut().zip(delta.data()) {
-                *mean += RESIDUAL_SCALE * delta;
+        let Some(policy) = &self.policy else {
+            return;
+        };
+        policy.residual.infer(&self.parameters, z, scratch, delta);
+        for (mean, delta) in distribution.mean.data_mut().iter_mut().zip(delta.data()) {
+            *mean += RESIDUAL_SCALE * delta;
+        }
+        let raw = self.parameters.get(policy.noise).data();
+        let rows = raw.len();
+        for column in distribution.deviation.data_mut().chunks_exact_mut(rows) {
+            for (deviation, raw) in column.iter_mut().zip(raw) {
+                let noise = raw.exp().ln_1p();
+                *deviation = (*deviation * *deviation + noise * noise).sqrt();
             }
         }
+    }
+
+    /// ν of throttle and steer, before tanh; none without a policy implant.
+    pub fn noise(&self) -> Option<[f32; 2]> {
+        let raw = self.parameters.get(self.policy.as_ref()?.noise).data();
+        Some([raw[0].exp().ln_1p(), raw[1].exp().ln_1p()])
     }
 }
 
@@ -158,6 +195,13 @@ fn range_m(nearness: f32) -> f32 {
 /// How softly the straight-through threshold passes gradients, in metres: wide enough that a car several metres beyond
 /// the threshold still pulls at it.
 pub const THRESHOLD_WIDTH_M: f32 = 4.0;
+
+/// τ in metres on a tape, `36 × 1`.
+pub fn thresholds_on_tape(tape: &mut Tape, attached: &Attached) -> Var {
+    let raw = tape.param(attached.thresholds);
+    let unit = tape.sigmoid(raw);
+    tape.scale(unit, MAX_THRESHOLD_M)
+}
 
 /// What the encoder sees of a batch through the perceptual implant, differentiable in the thresholds (straight-through):
 /// `encoded × batch`. `visual`: `113 × batch`; nothing is spoken.
@@ -177,9 +221,7 @@ pub fn perceive_on_tape(
             }
         }
     });
-    let raw = tape.param(attached.thresholds);
-    let unit = tape.sigmoid(raw);
-    let limit = tape.scale(unit, MAX_THRESHOLD_M);
+    let limit = thresholds_on_tape(tape, attached);
     let limit = tape.broadcast(limit, batch);
     let mask = tape.threshold(range_m, limit, THRESHOLD_WIDTH_M);
     let nearness = tape.input_with(beams, batch, |out| {
@@ -200,7 +242,7 @@ pub fn perceive_on_tape(
     tape.concat(&[seen, ego, mask, unheard])
 }
 
-/// Mean of the person's action before tanh, π's mean + δ(z), with π's deviation: `2 × batch` each.
+/// The person's action before tanh, N(μ + δ(z), σ² + ν²): mean and deviation, `2 × batch` each, and δ.
 pub fn policy_on_tape(
     tape: &mut Tape,
     model: &SelfModel,
@@ -210,12 +252,21 @@ pub fn policy_on_tape(
     let actions = model.sizes.shape.action;
     let output = tape.mlp(&model.policy.network, z);
     let (mean, deviation) = SelfModel::gaussian(tape, output, actions);
-    match &attached.residual {
-        None => (mean, deviation, None),
-        Some(residual) => {
-            let delta = tape.mlp(residual, z);
-            let delta = tape.scale(delta, RESIDUAL_SCALE);
-            (tape.add(mean, delta), deviation, Some(delta))
-        }
-    }
+    let Some(policy) = &attached.policy else {
+        return (mean, deviation, None);
+    };
+    let delta = tape.mlp(&policy.residual, z);
+    let delta = tape.scale(delta, RESIDUAL_SCALE);
+    let batch = tape.shape(mean).1;
+    let raw = tape.param(policy.noise);
+    let noise = tape.softplus(raw);
+    let noise = tape.square(noise);
+    let noise = tape.broadcast(noise, batch);
+    let variance = tape.square(deviation);
+    let variance = tape.add(variance, noise);
+    // σ = exp(½ ln σ²)
+    let log = tape.ln(variance);
+    let half = tape.scale(log, 0.5);
+    let deviation = tape.exp(half);
+    (tape.add(mean, delta), deviation, Some(delta))
 }

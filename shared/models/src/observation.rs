@@ -1,7 +1,7 @@
 //! What a model observes: two modalities, visual and verbal, with a mask beside each (paper §III-A, "masking").
 //!
 //! The highway's visual modality is the LIDAR as *nearness*, 1 − range/40 m, so that 0 says "nothing there", and the
-//! five ego values. One mask entry per azimuth covers its three height bands; ego values are never masked. The verbal
+//! five ego values, scaled so that each varies by about as much as the others. One mask entry per azimuth covers its three height bands; ego values are never masked. The verbal
 //! modality has one mask entry per sector.
 
 use nn::Tensor;
@@ -20,6 +20,31 @@ pub const PER_SECTOR: usize = 20;
 pub const RANGE_M: f32 = 40.0;
 /// Nearness below which an imagined azimuth counts as empty: 2 m short of the LIDAR's range.
 pub const EMPTY: f32 = 0.05;
+
+/// Factors on the ego values (heading error/180°, speed, lane offset, road offset, heading change ahead/180°): 1 stands for
+/// 3° and for half a unit of the others. Without them the ELBO would not notice a heading error of a few degrees, and a
+/// policy that cannot see its own heading cannot keep a lane.
+pub const EGO_SCALE: [f32; EGO] = [60.0, 2.0, 2.0, 2.0, 60.0];
+
+/// Writes the visual modality of normalised ranges (`band · 36 + azimuth`, 1 for nothing) and ego values: 113 numbers.
+pub fn write_visual(range: &[f32; AZIMUTHS * BANDS], ego: &[f32; EGO], visual: &mut [f32]) {
+    for (nearness, range) in visual.iter_mut().zip(range) {
+        *nearness = 1.0 - range;
+    }
+    for i in 0..EGO {
+        visual[AZIMUTHS * BANDS + i] = ego[i] * EGO_SCALE[i];
+    }
+}
+
+/// The inverse of [`write_visual`]: normalised ranges, then ego values.
+pub fn read_visual(visual: &[f32], out: &mut [f32]) {
+    for (range, nearness) in out.iter_mut().zip(&visual[..AZIMUTHS * BANDS]) {
+        *range = 1.0 - nearness;
+    }
+    for i in 0..EGO {
+        out[AZIMUTHS * BANDS + i] = visual[AZIMUTHS * BANDS + i] / EGO_SCALE[i];
+    }
+}
 
 /// Sector of an azimuth (DESIGN §4): front 1, left-front 9, left-rear 8, rear 1, right-rear 8, right-front 9.
 pub const fn sector_of(azimuth: usize) -> usize {
@@ -146,11 +171,7 @@ impl Observations {
 
     /// Fills column `j`'s visual modality from normalised ranges (`band · 36 + azimuth`, 1 for nothing) and ego values.
     pub fn set_lidar(&mut self, j: usize, range: &[f32; AZIMUTHS * BANDS], ego: &[f32; EGO]) {
-        let column = self.visual.column_mut(j);
-        for (nearness, range) in column.iter_mut().zip(range) {
-            *nearness = 1.0 - range;
-        }
-        column[AZIMUTHS * BANDS..].copy_from_slice(ego);
+        write_visual(range, ego, self.visual.column_mut(j));
     }
 }
 

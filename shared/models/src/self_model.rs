@@ -370,12 +370,16 @@ impl Decoder {
 
     /// x̂^visual of `z`.
     pub fn visual(&mut self, model: &SelfModel, z: &Tensor, out: &mut Tensor) {
-        model.visual.infer(&model.parameters, z, &mut self.scratch, out);
+        model
+            .visual
+            .infer(&model.parameters, z, &mut self.scratch, out);
     }
 
     /// x̂^verbal of `z`.
     pub fn verbal(&mut self, model: &SelfModel, z: &Tensor, out: &mut Tensor) {
-        model.verbal.infer(&model.parameters, z, &mut self.scratch, out);
+        model
+            .verbal
+            .infer(&model.parameters, z, &mut self.scratch, out);
     }
 
     /// r̂ of `z`, `1 × batch`.

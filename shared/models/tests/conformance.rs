@@ -2,7 +2,9 @@
 
 mod support;
 
-use models::observation::{AZIMUTHS, BANDS, EGO, PER_SECTOR, RANGE_M, SECTORS, on_display, sector_of};
+use models::observation::{
+    AZIMUTHS, BANDS, EGO, PER_SECTOR, RANGE_M, SECTORS, on_display, sector_of,
+};
 use models::policy::ActionDistribution;
 use models::{Beliefs, Communicated, HumanModel, Kind, Observations, Shape};
 use nn::Tensor;
@@ -53,7 +55,8 @@ fn steps(latent: usize, batch: usize, count: usize, seed: u64) -> Vec<Step> {
             for x in step.observations.verbal.column_mut(j) {
                 *x = rng.random_range(-2.0..2.0);
             }
-            step.communicated[j] = Communicated::new(rng.random_range(0..64), rng.random_range(0..64));
+            step.communicated[j] =
+                Communicated::new(rng.random_range(0..64), rng.random_range(0..64));
         }
         nn::noise::fill(&mut step.noise, rng.random(), 1);
         step
@@ -69,10 +72,22 @@ fn follow(model: &mut dyn HumanModel, steps: &[Step], sampled: bool) -> Vec<Vec<
     let mut rows = vec![Vec::new(); batch];
     for step in steps {
         let noise = sampled.then_some(&step.noise[..]);
-        model.perceive(&mut beliefs, &step.actions, &step.observations, &step.communicated, noise);
+        model.perceive(
+            &mut beliefs,
+            &step.actions,
+            &step.observations,
+            &step.communicated,
+            noise,
+        );
         model.act(&beliefs, &mut distribution);
         for (j, row) in rows.iter_mut().enumerate() {
-            let tensors = [&beliefs.mean, &beliefs.deviation, &beliefs.z, &distribution.mean, &distribution.deviation];
+            let tensors = [
+                &beliefs.mean,
+                &beliefs.deviation,
+                &beliefs.z,
+                &distribution.mean,
+                &distribution.deviation,
+            ];
             for tensor in tensors {
                 row.extend_from_slice(tensor.column(j));
             }
@@ -86,7 +101,10 @@ fn alone(step: &Step, j: usize, latent: usize) -> Step {
     let one = |t: &Tensor| Tensor::from_slice(t.rows(), 1, t.column(j));
     Step {
         actions: one(&step.actions),
-        observations: Observations { visual: one(&step.observations.visual), verbal: one(&step.observations.verbal) },
+        observations: Observations {
+            visual: one(&step.observations.visual),
+            verbal: one(&step.observations.verbal),
+        },
         communicated: vec![step.communicated[j]],
         noise: step.noise[j * latent..(j + 1) * latent].to_vec(),
     }
@@ -95,7 +113,10 @@ fn alone(step: &Step, j: usize, latent: usize) -> Step {
 fn assert_close(a: &[f32], b: &[f32], what: &str) {
     assert_eq!(a.len(), b.len());
     for (i, (a, b)) in a.iter().zip(b).enumerate() {
-        assert!((a - b).abs() <= 2e-5 * (1.0 + a.abs()), "{what}: number {i} is {a} and {b}");
+        assert!(
+            (a - b).abs() <= 2e-5 * (1.0 + a.abs()),
+            "{what}: number {i} is {a} and {b}"
+        );
     }
 }
 
@@ -109,7 +130,11 @@ fn a_batch_is_the_same_as_one_by_one() {
             for (j, row) in together.iter().enumerate() {
                 let own: Vec<Step> = steps.iter().map(|step| alone(step, j, latent)).collect();
                 // Products sum in another order for one column than for many.
-                assert_close(&follow(model, &own, true)[0], row, &format!("person {j} of {batch}"));
+                assert_close(
+                    &follow(model, &own, true)[0],
+                    row,
+                    &format!("person {j} of {batch}"),
+                );
             }
         }
     });
@@ -140,7 +165,9 @@ fn unseen(model: &dyn HumanModel, step: &Step, j: usize) -> Vec<usize> {
     let visual = step.observations.visual.column(j);
     let is_unseen = |azimuth: &usize| {
         let a = *azimuth;
-        let nearest = (0..BANDS).map(|band| visual[band * AZIMUTHS + a]).fold(0.0, f32::max);
+        let nearest = (0..BANDS)
+            .map(|band| visual[band * AZIMUTHS + a])
+            .fold(0.0, f32::max);
         let shown = on_display(a) && step.communicated[j].visual(sector_of(a));
         RANGE_M * (1.0 - nearest) > limits[a] && !shown
     };
@@ -162,7 +189,8 @@ fn what_is_masked_cannot_change_a_belief() {
                     // Any other place beyond the threshold looks the same.
                     let beyond = 0.9 * (1.0 - limits[azimuth] / RANGE_M);
                     for band in 0..BANDS {
-                        let value = beyond * (band as f32 + azimuth as f32) / (BANDS + AZIMUTHS) as f32;
+                        let value =
+                            beyond * (band as f32 + azimuth as f32) / (BANDS + AZIMUTHS) as f32;
                         step.observations.visual.column_mut(j)[band * AZIMUTHS + azimuth] = value;
                     }
                     hidden += 1;
@@ -176,7 +204,12 @@ fn what_is_masked_cannot_change_a_belief() {
             }
         }
         assert!(hidden > 0, "the test hides something from {}", model.kind());
-        assert_eq!(follow(model, &original, true), follow(model, &changed, true), "{}", model.kind());
+        assert_eq!(
+            follow(model, &original, true),
+            follow(model, &changed, true),
+            "{}",
+            model.kind()
+        );
     });
 }
 
@@ -196,7 +229,12 @@ fn what_is_communicated_changes_a_belief() {
             silent(&mut spoken);
             spoken[0].communicated[1] = Communicated::new(0, 1 << sector);
             let (before, after) = (follow(model, &quiet, false), follow(model, &spoken, false));
-            assert_ne!(before[1], after[1], "{}: words about sector {sector}", model.kind());
+            assert_ne!(
+                before[1],
+                after[1],
+                "{}: words about sector {sector}",
+                model.kind()
+            );
             assert_eq!([&before[0], &before[2]], [&after[0], &after[2]]);
         }
         // A highlight shows what is beyond the thresholds, and only where the display reaches.
@@ -211,7 +249,12 @@ fn what_is_communicated_changes_a_belief() {
             };
             let limit_m = model.visible_m()[azimuth];
             let differs = follow(model, &step(0), false) != follow(model, &step(63), false);
-            assert_eq!(differs, limit_m < 28.0 && on_display(azimuth), "{}: azimuth {azimuth}", model.kind());
+            assert_eq!(
+                differs,
+                limit_m < 28.0 && on_display(azimuth),
+                "{}: azimuth {azimuth}",
+                model.kind()
+            );
         }
     });
 }
@@ -237,7 +280,11 @@ fn outputs_are_finite_at_extreme_inputs() {
         let latent = model.latent();
         let extremes = [0.0, -0.0, 1.0, -1.0, 1e6, -1e6, 1e-30, f32::MIN_POSITIVE];
         for (i, value) in extremes.into_iter().enumerate() {
-            for communicated in [Communicated::default(), Communicated::new(63, 63), Communicated(u32::MAX)] {
+            for communicated in [
+                Communicated::default(),
+                Communicated::new(63, 63),
+                Communicated(u32::MAX),
+            ] {
                 let mut extreme = steps(latent, 2, 3, i as u64);
                 for step in &mut extreme {
                     step.observations.visual.fill(value);
@@ -246,7 +293,11 @@ fn outputs_are_finite_at_extreme_inputs() {
                     step.communicated.fill(communicated);
                 }
                 for row in follow(model, &extreme, true) {
-                    assert!(row.iter().all(|x| x.is_finite()), "{} at {value}", model.kind());
+                    assert!(
+                        row.iter().all(|x| x.is_finite()),
+                        "{} at {value}",
+                        model.kind()
+                    );
                 }
             }
         }
@@ -261,7 +312,13 @@ fn deviations_are_positive_and_the_mean_is_carried_without_noise() {
         let mut beliefs = Beliefs::new(model.latent(), 4);
         let mut distribution = ActionDistribution::new(2, 4);
         for step in &steps {
-            model.perceive(&mut beliefs, &step.actions, &step.observations, &step.communicated, None);
+            model.perceive(
+                &mut beliefs,
+                &step.actions,
+                &step.observations,
+                &step.communicated,
+                None,
+            );
             model.act(&beliefs, &mut distribution);
             assert_eq!(beliefs.z, beliefs.mean);
             assert!(!beliefs.fresh);
@@ -278,7 +335,12 @@ fn a_new_episode_forgets_the_last() {
         let steps = steps(latent, 3, 2, 9);
         let mut beliefs = Beliefs::new(model.latent(), 3);
         let mut perceive = |beliefs: &mut Beliefs, step: &Step| {
-            let Step { actions, observations, communicated, noise } = step;
+            let Step {
+                actions,
+                observations,
+                communicated,
+                noise,
+            } = step;
             model.perceive(beliefs, actions, observations, communicated, Some(noise));
             beliefs.z.clone()
         };
@@ -305,7 +367,13 @@ fn nothing_allocates_after_the_first_call() {
             }
             beliefs.reset();
             for step in &steps {
-                model.perceive(&mut beliefs, &step.actions, &step.observations, &step.communicated, Some(&step.noise));
+                model.perceive(
+                    &mut beliefs,
+                    &step.actions,
+                    &step.observations,
+                    &step.communicated,
+                    Some(&step.noise),
+                );
                 model.act(&beliefs, &mut distribution);
                 distribution.sample(Some(&step.noise), &mut actions);
             }
@@ -318,7 +386,10 @@ fn nothing_allocates_after_the_first_call() {
 fn what_a_model_thinks_is_visible_lies_within_the_lidars_range() {
     every_kind(|model| {
         let visible = model.visible_m();
-        assert!(visible.iter().all(|m| (0.0..=RANGE_M).contains(m)), "{visible:?}");
+        assert!(
+            visible.iter().all(|m| (0.0..=RANGE_M).contains(m)),
+            "{visible:?}"
+        );
     });
     assert_eq!(human_model(Kind::Myself).visible_m(), [RANGE_M; AZIMUTHS]);
     assert_ne!(human_model(Kind::Mirror).visible_m(), [RANGE_M; AZIMUTHS]);

@@ -47,7 +47,10 @@ fn implants_come_back_and_belong_to_one_self_model() {
             assert_eq!((name, a), (same, b));
         }
         let error = load_implants(&path, &self_model(2)).expect_err("another self-model");
-        assert!(matches!(error, ModelFileError::OtherSelfModel { .. }), "{error}");
+        assert!(
+            matches!(error, ModelFileError::OtherSelfModel { .. }),
+            "{error}"
+        );
     }
 }
 
@@ -71,18 +74,28 @@ fn a_number_that_is_none_is_refused_with_its_place() {
     let folder = folder();
     let path = folder.path().join("self.safetensors");
     let mut model = self_model(1);
-    let (id, name) = model.parameters.iter().nth(3).map(|(id, name, _)| (id, name.to_owned())).expect("parameters");
+    let (id, name) = model
+        .parameters
+        .iter()
+        .nth(3)
+        .map(|(id, name, _)| (id, name.to_owned()))
+        .expect("parameters");
     model.parameters.get_mut(id).data_mut()[2] = f32::NAN;
     save_self_model(&path, &model, "test").expect("written");
     match load_self_model(&path) {
-        Err(ModelFileError::NotFinite { tensor, index: 2, .. }) => assert_eq!(tensor, name),
+        Err(ModelFileError::NotFinite {
+            tensor, index: 2, ..
+        }) => assert_eq!(tensor, name),
         other => panic!("{:?}", other.map(|_| ())),
     }
 }
 
 fn refused(path: &Path, bytes: &[u8]) -> String {
     std::fs::write(path, bytes).expect("written");
-    let error = load_self_model(path).map(|_| ()).expect_err("refused").to_string();
+    let error = load_self_model(path)
+        .map(|_| ())
+        .expect_err("refused")
+        .to_string();
     assert!(error.contains("broken.safetensors"), "{error}");
     error
 }
@@ -91,7 +104,10 @@ fn refused(path: &Path, bytes: &[u8]) -> String {
 fn missing_and_truncated_files_are_errors_that_name_them() {
     let folder = folder();
     let path = folder.path().join("broken.safetensors");
-    let error = load_self_model(&path).map(|_| ()).expect_err("missing").to_string();
+    let error = load_self_model(&path)
+        .map(|_| ())
+        .expect_err("missing")
+        .to_string();
     assert!(error.contains("broken.safetensors"), "{error}");
     let whole = folder.path().join("whole");
     save_self_model(&whole, &self_model(1), "test").expect("written");
@@ -151,11 +167,18 @@ fn every_utterance_has_its_own_numbers_and_touches_its_own_sector_only() {
             let mut verbal = vec![9.0; Shape::HIGHWAY.verbal];
             table.encode(sector, said, 20.0, &mut verbal);
             for (i, x) in verbal.iter().enumerate() {
-                assert_eq!(*x == 9.0, i / PER_SECTOR != sector, "number {i} of sector {sector}");
+                assert_eq!(
+                    *x == 9.0,
+                    i / PER_SECTOR != sector,
+                    "number {i} of sector {sector}"
+                );
             }
             let own = verbal[sector * PER_SECTOR..][..PER_SECTOR].to_vec();
             assert_eq!(own[PER_SECTOR - 1], 0.5);
-            assert!(!seen.contains(&own), "{sector} {said:?} sounds like another");
+            assert!(
+                !seen.contains(&own),
+                "{sector} {said:?} sounds like another"
+            );
             seen.push(own);
         }
     }

@@ -200,14 +200,20 @@ fn processor_time(setting: &Setting, settings: Settings, rows: usize, ready: usi
     let mut before = [0; 2];
     for step in 0..=PLANS {
         let from = setting.from(step, ready);
-        black_box(planner.plan(&setting.model, from, &mut people).expect("the other thread answers"));
+        black_box(
+            planner
+                .plan(&setting.model, from, &mut people)
+                .expect("the other thread answers"),
+        );
         if step == 0 {
             before = [cpu_ns(), people.cpu_ns];
         }
     }
     let ms = |now: u64, before: u64| (now - before) as f64 / 1e6 / f64::from(PLANS);
     let (planning, human) = (ms(cpu_ns(), before[0]), ms(people.cpu_ns, before[1]));
-    println!("processor time of a plan, {name}: planner {planning:.1} ms, human model {human:.1} ms");
+    println!(
+        "processor time of a plan, {name}: planner {planning:.1} ms, human model {human:.1} ms"
+    );
 }
 
 fn plan(c: &mut Criterion) {
@@ -236,7 +242,11 @@ fn plan(c: &mut Criterion) {
                     pending: &mut pending,
                 };
                 let from = setting.from(step, ready);
-                black_box(planner.plan(&setting.model, from, &mut people).expect("local people answer"))
+                black_box(
+                    planner
+                        .plan(&setting.model, from, &mut people)
+                        .expect("local people answer"),
+                )
             });
         });
         group.bench_function(format!("two threads, {name}"), |b| {
@@ -248,7 +258,11 @@ fn plan(c: &mut Criterion) {
             b.iter(|| {
                 step += 1;
                 let from = setting.from(step, ready);
-                black_box(planner.plan(&setting.model, from, &mut people).expect("the other thread answers"))
+                black_box(
+                    planner
+                        .plan(&setting.model, from, &mut people)
+                        .expect("the other thread answers"),
+                )
             });
         });
     }

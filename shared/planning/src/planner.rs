@@ -205,7 +205,7 @@ impl Planner {
         people: &mut dyn ImaginedPeople,
     ) -> Result<Decision, PeopleError> {
         self.warm_start(from);
-        self.forbid_speech(from.speech_ready_steps);
+        self.forbid(from.speech_ready_steps);
         let mut value = 0.0;
         for iteration in 0..self.settings.iterations {
             let seed = mix(&[
@@ -257,11 +257,15 @@ impl Planner {
         }
     }
 
-    /// Nothing can be said while an utterance is still running.
-    fn forbid_speech(&mut self, ready_steps: usize) {
+    /// Nothing can be said while an utterance is still running, and nothing shown where the display does not reach.
+    fn forbid(&mut self, speech_ready_steps: usize) {
         for d in 0..self.settings.horizon {
-            let silent = d * self.settings.hold < ready_steps;
-            self.population.forbidden[d * BITS + SECTORS..(d + 1) * BITS].fill(silent);
+            let (visual, verbal) =
+                self.population.forbidden[d * BITS..(d + 1) * BITS].split_at_mut(SECTORS);
+            for (sector, forbidden) in visual.iter_mut().enumerate() {
+                *forbidden = azimuths_shown(sector) == 0;
+            }
+            verbal.fill(d * self.settings.hold < speech_ready_steps);
         }
     }
 

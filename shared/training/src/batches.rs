@@ -3,6 +3,8 @@
 
 use crate::SHARDS;
 use crate::replay::Replay;
+use models::Implants;
+use models::implants::MAX_THRESHOLD_M;
 use models::observation::{AZIMUTHS, Encoded, SECTORS, sector_of};
 use models::self_model::{Sequence, SequenceStep, Sizes};
 use models::utterances::UtteranceTable;
@@ -23,6 +25,9 @@ enum Way {
     Nothing,
     Sectors,
     Singles,
+    /// What lies beyond a distance, drawn per sector and sequence: how fog hides things, and how a perceptual implant
+    /// does. Not in DESIGN's list; without it, people in fog see in a way that the model has never met.
+    Distances,
 }
 
 /// A batch of sequences in shards, with everything that actor and critics need beside the observations.
@@ -71,27 +76,36 @@ impl Batch {
         dropout: Dropout,
         rng: &mut ChaCha8Rng,
     ) -> bool {
-        let way = match rng.random_range(0..3) {
+        let way = match rng.random_range(0..5) {
             0 => Way::Nothing,
             1 => Way::Sectors,
-            _ => Way::Singles,
+            2 => Way::Singles,
+            _ => Way::Distances,
         };
         for shard in &mut self.shards {
             let length = shard.sequence.steps.len();
             let batch = shard.expert[0].cols();
             for j in 0..batch {
-                let Some(start) = replay.draw(length, rng) else {
+                // Every other sequence is one in which something is going on.
+                let drawn = if j % 2 == 0 {
+                    replay.draw_eventful(length, rng)
+                } else {
+                    replay.draw(length, rng)
+                };
+                let Some(start) = drawn else {
                     return false;
                 };
+                let limits_m = limits_m(rng);
                 for t in 0..length {
                     shard.fill(t, j, replay, start + t, table);
+                    let visual = shard.sequence.steps[t].visual.column(j);
                     let (visual_mask, verbal_mask) = if t == 0 && rng.random::<bool>() {
                         // A kept first step tells what is hidden later; but a person who starts in fog starts with
                         // little, so half of the sequences do too.
                         ([1.0; AZIMUTHS], verbal_mask(way, dropout, rng))
                     } else {
                         (
-                            visual_mask(way, dropout, rng),
+                            visual_mask(way, dropout, &limits_m, visual, rng),
                             verbal_mask(way, dropout, rng),
                         )
                     };
@@ -134,9 +148,27 @@ fn kept(dropout: Dropout, rng: &mut ChaCha8Rng) -> f32 {
     f32::from(u8::from(rng.random::<f32>() < dropout.keep))
 }
 
-fn visual_mask(way: Way, dropout: Dropout, rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
+/// Limits of sight: a distance per sector, from almost nothing to beyond the LIDAR's range.
+pub fn limits_m(rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
+    let sectors: [f32; SECTORS] =
+        core::array::from_fn(|_| rng.random_range(1.0..MAX_THRESHOLD_M));
+    core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
+}
+
+fn visual_mask(
+    way: Way,
+    dropout: Dropout,
+    limits_m: &[f32; AZIMUTHS],
+    visual: &[f32],
+    rng: &mut ChaCha8Rng,
+) -> [f32; AZIMUTHS] {
     match way {
         Way::Nothing => [1.0; AZIMUTHS],
+        Way::Distances => {
+            let mut mask = [0.0; AZIMUTHS];
+            Implants::visible(limits_m, visual, &mut mask);
+            mask
+        }
         Way::Sectors => {
             let sectors: [f32; SECTORS] = core::array::from_fn(|_| kept(dropout, rng));
             core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])

@@ -9,7 +9,9 @@
 
 use crate::SHARDS;
 use crate::demonstrations::Demonstrations;
-use models::implants::{Attached, Implants, perceive_on_tape, policy_on_tape};
+use models::implants::{
+    Attached, Implants, perceive_on_tape, policy_on_tape, thresholds_on_tape,
+};
 use models::policy::unsquash;
 use models::{Kind, SelfModel};
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
@@ -34,6 +36,11 @@ pub struct Settings {
     pub weights: [f32; 2],
     /// λ: penalty on the mean square of δ.
     pub residual_penalty: f32,
+    /// Prior: standard deviation of the difference between the thresholds of neighbouring azimuths, in metres. Sight
+    /// changes little from one direction to the next, and many azimuths never meet a car in a few rounds.
+    pub smoothness_m: f32,
+    /// How many moments one independent moment stands for: control steps 0.15 s apart tell much the same.
+    pub correlated_steps: f32,
     /// Steps at a window's start that only build up the belief.
     pub warm_up: usize,
     /// Seed of the residual's first weights and of the noise.
@@ -50,6 +57,8 @@ impl Default for Settings {
             skip: 20,
             weights: [0.1, 1.0],
             residual_penalty: 2.0,
+            smoothness_m: 3.0,
+            correlated_steps: 10.0,
             warm_up: 5,
             seed: 0,
         }
@@ -187,6 +196,7 @@ pub fn learn(
     let attached = implants.attach(&mut parameters);
     let mut shards = windows(demonstrations, settings, latent)?;
     let total: usize = shards.iter().map(|s| s.visual[0].cols()).sum();
+    let moments = total * shards[0].visual.len().saturating_sub(settings.warm_up);
     let mut arenas: Vec<Arena> = shards.iter().map(|_| Arena::default()).collect();
     let mut gradients: Vec<Gradients> = shards
         .iter()
@@ -216,6 +226,8 @@ pub fn learn(
                             negative_log_likelihood(&mut tape, model, attached, shard, settings);
                         // Every window weighs the same, however the shards were cut.
                         let share = shard.visual[0].cols() as f32 / total as f32;
+                        let prior = negative_log_prior(&mut tape, attached, settings, moments);
+                        let loss = tape.add(loss, prior);
                         let loss = tape.scale(loss, share);
                         let value = tape.value(loss)[0];
                         tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
@@ -234,6 +246,9 @@ pub fn learn(
         for other in rest {
             first[0].add(other);
         }
+        // The rate falls to nothing, so that the noise of sampling z averages out.
+        let left = 1.0 - iteration as f32 / settings.iterations as f32;
+        adam.learning_rate = settings.learning_rate * left;
         adam.step(&mut parameters, &first[0]);
         losses.push(loss);
         progress(iteration + 1, loss);
@@ -292,6 +307,26 @@ pub fn negative_log_likelihood(
     }
     let sum = sum.expect("windows have at least one counted step");
     tape.scale(sum, 1.0 / counted as f32)
+}
+
+/// −λ log p(χ) of the thresholds, on the scale of the mean over `moments`:
+/// Σ_a (τ_a − τ_{a+1})² / 2 s², divided by the number of independent moments.
+pub fn negative_log_prior(
+    tape: &mut Tape,
+    attached: &Attached,
+    settings: &Settings,
+    moments: usize,
+) -> Var {
+    let limits = thresholds_on_tape(tape, attached);
+    let n = tape.shape(limits).0;
+    let (first, rest) = (tape.rows(limits, 0..1), tape.rows(limits, 1..n));
+    let next = tape.concat(&[rest, first]);
+    let difference = tape.sub(limits, next);
+    let squared = tape.square(difference);
+    let sum = tape.sum(squared);
+    let independent = moments as f32 / settings.correlated_steps;
+    let variance = settings.smoothness_m * settings.smoothness_m;
+    tape.scale(sum, 0.5 / (variance * independent.max(1.0)))
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.

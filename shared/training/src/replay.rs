@@ -30,6 +30,16 @@ pub struct Step {
 }
 
 impl Step {
+    /// Whether something is going on: a car within 20 m, an expert who brakes or steers, or an end. Most of a drive is
+    /// empty road; what has to be learned happens in a few seconds of it.
+    pub fn is_eventful(&self) -> bool {
+        let beams = &self.visual[..AZIMUTHS * BANDS];
+        self.terminal == 1
+            || self.expert[0] < -0.2
+            || self.expert[1].abs() > 0.2
+            || beams.iter().any(|nearness| *nearness > 0.5)
+    }
+
     /// Bytes of a step in a checkpoint.
     pub const BYTES: usize = 4 * (VISUAL + SECTORS + 2 + 2 + 1) + SECTORS + 2;
 
@@ -98,6 +108,7 @@ impl Step {
 #[derive(Clone, Debug)]
 pub struct Replay {
     steps: Vec<Step>,
+    eventful: Vec<bool>,
     capacity: usize,
     /// Where the next step goes once the ring is full.
     head: usize,
@@ -108,6 +119,7 @@ impl Replay {
     pub fn new(capacity: usize) -> Self {
         Self {
             steps: Vec::new(),
+            eventful: Vec::new(),
             capacity,
             head: 0,
         }
@@ -126,8 +138,10 @@ impl Replay {
     /// Adds a step, in the order of time.
     pub fn push(&mut self, step: Step) {
         if self.steps.len() < self.capacity {
+            self.eventful.push(step.is_eventful());
             self.steps.push(step);
         } else {
+            self.eventful[self.head] = step.is_eventful();
             self.steps[self.head] = step;
             self.head = (self.head + 1) % self.capacity;
         }
@@ -153,6 +167,20 @@ impl Replay {
             .find(|&start| self.is_sequence(start, length))
     }
 
+    /// Like [`Self::draw`], but of a sequence in which something is going on, if 100 draws meet one.
+    pub fn draw_eventful(&self, length: usize, rng: &mut ChaCha8Rng) -> Option<usize> {
+        let n = self.steps.len();
+        let mut start = None;
+        for _ in 0..100 {
+            let drawn = self.draw(length, rng)?;
+            start = Some(drawn);
+            if (0..length).any(|t| self.eventful[(self.head + drawn + t) % n]) {
+                break;
+            }
+        }
+        start
+    }
+
     /// All steps, oldest first.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Vec::with_capacity(self.len() * Step::BYTES);
@@ -167,8 +195,10 @@ impl Replay {
         if bytes.len() % Step::BYTES != 0 || bytes.len() / Step::BYTES > capacity {
             return None;
         }
+        let steps: Vec<Step> = bytes.chunks_exact(Step::BYTES).map(Step::read).collect();
         Some(Self {
-            steps: bytes.chunks_exact(Step::BYTES).map(Step::read).collect(),
+            eventful: steps.iter().map(Step::is_eventful).collect(),
+            steps,
             capacity,
             head: 0,
         })

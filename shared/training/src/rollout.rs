@@ -2,7 +2,7 @@
 
 use crate::replay::Step;
 use domains::highway::{Expert, Observation, Scene, World, speech};
-use models::observation::{AZIMUTHS, Encoded, Observations, RANGE_M, SECTORS, sector_of};
+use models::observation::{AZIMUTHS, Encoded, Observations, RANGE_M, SECTORS, write_visual};
 use models::policy::ActionDistribution;
 use models::{Filter, Implants, SelfModel};
 use nn::{Tensor, noise};
@@ -36,6 +36,11 @@ pub struct Summary {
     /// Whether the car touched something.
     pub collided: bool,
 }
+
+/// How often the expert is pushed aside, for how many steps, and how hard at most (steer).
+const PUSH_PROBABILITY: f32 = 0.04;
+const PUSH_STEPS: u32 = 4;
+const PUSH: f32 = 0.6;
 
 /// A world with everything an actor needs, reused over episodes.
 pub struct Rollout {
@@ -89,11 +94,12 @@ impl Rollout {
         self.filter.reset();
         self.previous.fill(0.0);
         let thresholds_m = match actor {
-            Actor::Policy { limited: true, .. } => limits(&mut rng),
+            Actor::Policy { limited: true, .. } => crate::batches::limits_m(&mut rng),
             _ => [f32::INFINITY; AZIMUTHS],
         };
         let mut summary = Summary::default();
         let (mut reward, mut terminal, mut done) = (0.0, false, false);
+        let mut push = (0_u32, 0.0_f32);
         loop {
             self.world.observe(&mut self.observation);
             let mut step = step_of(&self.observation);
@@ -108,9 +114,18 @@ impl Rollout {
             }
             let action = match actor {
                 Actor::Expert => {
-                    // A little noise, so that its surroundings are learned too.
-                    step.expert
-                        .map(|a| (a + 0.1 * (rng.random::<f32>() - 0.5)).clamp(-1.0, 1.0))
+                    // Pushed aside now and then, so that the way back is learned too.
+                    if rng.random::<f32>() < PUSH_PROBABILITY {
+                        push = (PUSH_STEPS, rng.random_range(-PUSH..PUSH));
+                    }
+                    let aside = if push.0 > 0 { push.1 } else { 0.0 };
+                    push.0 = push.0.saturating_sub(1);
+                    let [throttle, steer] = step.expert;
+                    let noise = 0.2 * (rng.random::<f32>() - 0.5);
+                    [
+                        (throttle + noise).clamp(-1.0, 1.0),
+                        (steer + aside).clamp(-1.0, 1.0),
+                    ]
                 }
                 Actor::Policy { explore, .. } if rng.random::<f32>() < explore => {
                     [rng.random_range(-1.0..1.0), rng.random_range(-0.3..0.3)]
@@ -170,10 +185,7 @@ impl Rollout {
 /// What can be learned from one observation: the modalities, before anything was done.
 pub fn step_of(observation: &Observation) -> Step {
     let mut visual = [0.0; crate::replay::VISUAL];
-    for (nearness, range) in visual.iter_mut().zip(&observation.range) {
-        *nearness = 1.0 - range;
-    }
-    visual[observation.range.len()..].copy_from_slice(&observation.ego);
+    write_visual(&observation.range, &observation.ego, &mut visual);
     let heard = speech::utterances(observation);
     Step {
         visual,
@@ -185,10 +197,4 @@ pub fn step_of(observation: &Observation) -> Step {
         first: 0,
         terminal: 0,
     }
-}
-
-/// A person's limits for one episode: a distance per sector, from almost nothing to the LIDAR's range.
-fn limits(rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
-    let sectors: [f32; SECTORS] = core::array::from_fn(|_| rng.random_range(1.0..RANGE_M + 1.0));
-    core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
 }

@@ -42,8 +42,7 @@ pub struct Settings {
     pub replay: usize,
     /// Share of imitation at the start.
     pub imitation: f32,
-    /// Its factor per episode. The paper has 0.995 over a number of episodes that it does not give; with 300, this brings
-    /// the share to a twentieth.
+    /// Its factor per episode (the paper's).
     pub imitation_decay: f32,
     /// Random actions at the start.
     pub explore: f32,
@@ -65,7 +64,7 @@ impl Default for Settings {
             gradient_clip: 100.0,
             replay: 100_000,
             imitation: 1.0,
-            imitation_decay: 0.99,
+            imitation_decay: 0.995,
             explore: 0.5,
             explore_decay: 0.9,
             keep: 0.35,

@@ -11,14 +11,21 @@ use planning::Settings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use runtime::{
-    ClockMode, Input, InstanceLock, Launcher, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns,
+    ClockMode, Input, InstanceLock, Launcher, Node, Output, Receive, RunArguments, Stamp, Wake,
+    now_ns,
 };
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 /// An untrained self-model, the same each time.
 pub fn self_model() -> SelfModel {
-    SelfModel::new(Sizes { hidden: 32, ..Sizes::HIGHWAY }, &mut ChaCha8Rng::seed_from_u64(4))
+    SelfModel::new(
+        Sizes {
+            hidden: 32,
+            ..Sizes::HIGHWAY
+        },
+        &mut ChaCha8Rng::seed_from_u64(4),
+    )
 }
 
 /// A human model with implants that hide half of what is there.
@@ -59,10 +66,18 @@ pub struct Script {
 
 impl Script {
     pub fn new(episode: u32) -> Self {
-        Self { rng: ChaCha8Rng::seed_from_u64(u64::from(episode)), episode, ready_step: 0 }
+        Self {
+            rng: ChaCha8Rng::seed_from_u64(u64::from(episode)),
+            episode,
+            ready_step: 0,
+        }
     }
 
-    pub fn next(&mut self, step: u32, decision: Option<&CommAction>) -> (LidarFrame, Display, DriverAction) {
+    pub fn next(
+        &mut self,
+        step: u32,
+        decision: Option<&CommAction>,
+    ) -> (LidarFrame, Display, DriverAction) {
         let rng = &mut self.rng;
         let mut frame = LidarFrame::ZERO;
         (frame.header.episode, frame.header.step) = (self.episode, step);
@@ -86,7 +101,8 @@ impl Script {
         display.speech_ready_s = self.ready_step.saturating_sub(step) as f32 * 0.15;
         let mut action = DriverAction::ZERO;
         action.header = frame.header;
-        (action.throttle, action.steer) = (rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
+        (action.throttle, action.steer) =
+            (rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
         (frame, display, action)
     }
 }
@@ -140,14 +156,25 @@ impl Set {
             .collect();
         let mut node = Node::join(&arguments("test", 9)).expect("the test joins");
         let set_up = "a port";
-        let (lidar, displays) = (node.output(topic::LIDAR).expect(set_up), node.output(topic::DISPLAY).expect(set_up));
+        let (lidar, displays) = (
+            node.output(topic::LIDAR).expect(set_up),
+            node.output(topic::DISPLAY).expect(set_up),
+        );
         let actions = node.output(topic::DRIVER_ACTION).expect(set_up);
         let robots = node.output(topic::ROBOT_BELIEF).expect(set_up);
         let people = node.output(topic::HUMAN_BELIEF).expect(set_up);
-        let robot = node.input(topic::ROBOT_BELIEF, Receive::InOrder).expect(set_up);
-        let person = node.input(topic::HUMAN_BELIEF, Receive::InOrder).expect(set_up);
-        let decision = node.input(topic::COMM_ACTION, Receive::InOrder).expect(set_up);
-        launcher.wait_ready(processes, &[], now_ns() + 60_000_000_000).expect("all are ready");
+        let robot = node
+            .input(topic::ROBOT_BELIEF, Receive::InOrder)
+            .expect(set_up);
+        let person = node
+            .input(topic::HUMAN_BELIEF, Receive::InOrder)
+            .expect(set_up);
+        let decision = node
+            .input(topic::COMM_ACTION, Receive::InOrder)
+            .expect(set_up);
+        launcher
+            .wait_ready(processes, &[], now_ns() + 60_000_000_000)
+            .expect("all are ready");
         launcher.start().expect("the start is sent");
         assert_eq!(node.ready().expect("the start is heard"), Wake::Message);
         Self {
@@ -168,16 +195,26 @@ impl Set {
 
     pub fn publish(&mut self, frame: &LidarFrame, display: &Display, action: &DriverAction) {
         let stamp = Stamp::sensed(frame.header.episode, frame.header.step);
-        self.lidar.send_with(stamp, |out| *out = *frame).expect("sent");
-        self.displays.send_with(stamp, |out| *out = *display).expect("sent");
-        self.actions.send_with(stamp, |out| *out = *action).expect("sent");
+        self.lidar
+            .send_with(stamp, |out| *out = *frame)
+            .expect("sent");
+        self.displays
+            .send_with(stamp, |out| *out = *display)
+            .expect("sent");
+        self.actions
+            .send_with(stamp, |out| *out = *action)
+            .expect("sent");
     }
 
     /// The last frame of an episode, on which nobody acts.
     pub fn publish_unanswered(&mut self, frame: &LidarFrame, display: &Display) {
         let stamp = Stamp::sensed(frame.header.episode, frame.header.step);
-        self.lidar.send_with(stamp, |out| *out = *frame).expect("sent");
-        self.displays.send_with(stamp, |out| *out = *display).expect("sent");
+        self.lidar
+            .send_with(stamp, |out| *out = *frame)
+            .expect("sent");
+        self.displays
+            .send_with(stamp, |out| *out = *display)
+            .expect("sent");
     }
 
     /// Publishes what the other processes would, for a planner that is alone.
@@ -185,9 +222,13 @@ impl Set {
         let stamp = Stamp::sensed(episode, step);
         let latent = self_model().sizes.latent as u32;
         if person {
-            self.people.send_with(stamp, |out| out.latent = latent).expect("sent");
+            self.people
+                .send_with(stamp, |out| out.latent = latent)
+                .expect("sent");
         }
-        self.robots.send_with(stamp, |out| out.latent = latent).expect("sent");
+        self.robots
+            .send_with(stamp, |out| out.latent = latent)
+            .expect("sent");
     }
 
     pub fn robot(&mut self, episode: u32, step: u32) -> RobotBelief {
@@ -222,7 +263,13 @@ impl Set {
 
 fn wait<M: Message>(node: &mut Node, input: &mut Input<M>, episode: u32, step: u32) -> M {
     let deadline_ns = Some(now_ns() + 60_000_000_000);
-    let wake = node.wait_step(&mut [input], episode, step, deadline_ns).expect("the wait works");
-    assert_eq!(wake, Wake::Message, "no message for episode {episode} step {step}");
+    let wake = node
+        .wait_step(&mut [input], episode, step, deadline_ns)
+        .expect("the wait works");
+    assert_eq!(
+        wake,
+        Wake::Message,
+        "no message for episode {episode} step {step}"
+    );
     *input.message().expect("a message")
 }

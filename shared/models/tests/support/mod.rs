@@ -39,13 +39,24 @@ pub fn allocations() -> u64 {
 
 /// An untrained self-model of the highway's shape, small enough to be quick.
 pub fn self_model(seed: u64) -> SelfModel {
-    SelfModel::new(Sizes { hidden: 48, ..Sizes::HIGHWAY }, &mut ChaCha8Rng::seed_from_u64(seed))
+    SelfModel::new(
+        Sizes {
+            hidden: 48,
+            ..Sizes::HIGHWAY
+        },
+        &mut ChaCha8Rng::seed_from_u64(seed),
+    )
 }
 
 /// Implants as if learned: thresholds from 2 to 40 m, and a residual that does something.
 pub fn implants(model: &SelfModel, with_policy: bool) -> Implants {
     let mut rng = ChaCha8Rng::seed_from_u64(21);
-    let mut implants = Implants::new(model.sizes.latent, model.sizes.shape.action, with_policy, &mut rng);
+    let mut implants = Implants::new(
+        model.sizes.latent,
+        model.sizes.shape.action,
+        with_policy,
+        &mut rng,
+    );
     let ids: Vec<_> = implants.parameters.iter().map(|(id, _, _)| id).collect();
     for (place, id) in ids.into_iter().enumerate() {
         let tensor = implants.parameters.get_mut(id);

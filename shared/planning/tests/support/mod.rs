@@ -51,7 +51,13 @@ pub struct Start {
 
 impl Default for Start {
     fn default() -> Self {
-        Self { throttle: 0.0, speech_ready_steps: 0, seed: 7, episode: 0, step: 0 }
+        Self {
+            throttle: 0.0,
+            speech_ready_steps: 0,
+            seed: 7,
+            episode: 0,
+            step: 0,
+        }
     }
 }
 
@@ -78,7 +84,12 @@ pub struct World {
 
 impl World {
     pub fn new() -> Self {
-        let sizes = Sizes { shape: Shape::HIGHWAY, latent: 2, hidden: 3, ..Sizes::HIGHWAY };
+        let sizes = Sizes {
+            shape: Shape::HIGHWAY,
+            latent: 2,
+            hidden: 3,
+            ..Sizes::HIGHWAY
+        };
         let mut model = SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(0));
         let (transition, reward) = (model.transition.clone(), model.reward.clone());
         let p = &mut model.parameters;
@@ -91,7 +102,11 @@ impl World {
         let bias = p.get_mut(transition.layers[2].bias).data_mut();
         (bias[2], bias[3]) = (-30.0, -30.0);
         carry(p, &reward, 0);
-        Self { model, mean: Tensor::new(2, 1), deviation: Tensor::new(2, 1) }
+        Self {
+            model,
+            mean: Tensor::new(2, 1),
+            deviation: Tensor::new(2, 1),
+        }
     }
 
     pub fn from(&self, start: Start) -> From<'_> {
@@ -163,7 +178,13 @@ impl Answers {
 }
 
 impl ImaginedPeople for Answers {
-    fn start(&mut self, group: usize, rows: usize, seed: u64, known_action: Option<[f32; 2]>) -> Result<(), PeopleError> {
+    fn start(
+        &mut self,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<[f32; 2]>,
+    ) -> Result<(), PeopleError> {
         self.starts.push(Started { group, seed });
         self.warned[group] = vec![false; rows];
         self.known[group] = known_action.map(|a| a[0]);
@@ -185,9 +206,19 @@ impl ImaginedPeople for Answers {
         for (warned, told) in self.warned[group].iter_mut().zip(communicated) {
             *warned |= told.0 & self.listens_for.0 != 0;
         }
-        let start = self.starts.iter().filter(|start| start.group == group).count();
+        let start = self
+            .starts
+            .iter()
+            .filter(|start| start.group == group)
+            .count();
         let (step, communicated) = (self.step[group], communicated.to_vec());
-        self.asked.push(Asked { start, group, step, seed, communicated });
+        self.asked.push(Asked {
+            start,
+            group,
+            step,
+            seed,
+            communicated,
+        });
         Ok(())
     }
 

@@ -1,0 +1,85 @@
+//! `mirror train self`: the robot's self-model from nothing, or on from where an earlier run stopped.
+
+use crate::cli::TrainSelfArguments;
+use crate::failure::Failure;
+use crate::inputs;
+use crate::learn::command_line;
+use crate::screen::Progress;
+use anyhow::{Context, Result};
+use domains::highway::Scene;
+use models::utterances::UtteranceTable;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use training::self_model::{Metrics, Settings, Trainer};
+
+/// Episodes from one checkpoint to the next.
+const CHECKPOINT_EPISODES: u32 = 25;
+/// Episodes that training never saw, driven by the finished policy.
+const EVALUATED: u32 = 30;
+
+/// Runs `mirror train self`.
+pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
+    let (mut trainer, out) = prepare(arguments).map_err(Failure::refused)?;
+    let checkpoint = checkpoint_of(&out);
+    let mut metrics = arguments.metrics.as_deref().map(|path| open(path, arguments.resume)).transpose()?;
+    let progress = Progress::new("episodes", u64::from(trainer.settings.episodes));
+    while trainer.episode < trainer.settings.episodes {
+        let lived = trainer.episode();
+        if let Some((path, file)) = &mut metrics {
+            write(file, &lived).with_context(|| path.display().to_string())?;
+        }
+        let driver = if lived.expert { "expert" } else { "policy" };
+        progress.at(
+            u64::from(trainer.episode),
+            &format!("{driver} reward {:.1}, −ELBO {:.1}", lived.episode_reward, lived.loss),
+        );
+        if trainer.episode % CHECKPOINT_EPISODES == 0 || trainer.episode == trainer.settings.episodes {
+            trainer.save(&checkpoint, &command_line()).map_err(anyhow::Error::from)?;
+        }
+    }
+    progress.finish();
+    models::checkpoint::save_self_model(&out, &trainer.model, &command_line()).map_err(anyhow::Error::from)?;
+    let (reward, collisions) = trainer.evaluate(EVALUATED);
+    println!(
+        "{}: {} episodes; over {EVALUATED} new ones the policy's mean reward is {reward:.1}, its collision rate {collisions:.2}",
+        out.display(),
+        trainer.episode,
+    );
+    println!("{}: continue with --resume and more --episodes, or delete it", checkpoint.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
+    let out = inputs::writable("--out", &arguments.out)?;
+    let scene = Arc::new(Scene::builtin("highway-clear")?);
+    let table = UtteranceTable::shipped()?;
+    let mut trainer = if arguments.resume {
+        Trainer::resume(&checkpoint_of(&out), scene, table)?
+    } else {
+        let settings = Settings { seed: arguments.seed.unwrap_or_default(), ..Settings::default() };
+        Trainer::new(scene, table, settings)?
+    };
+    if let Some(episodes) = arguments.episodes {
+        trainer.settings.episodes = episodes;
+    }
+    Ok((trainer, out))
+}
+
+/// Where a run keeps what it needs to continue.
+fn checkpoint_of(out: &Path) -> PathBuf {
+    out.with_extension("training.safetensors")
+}
+
+fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
+    let file = OpenOptions::new().create(true).write(true).append(append).truncate(!append).open(path);
+    Ok((path.to_owned(), BufWriter::new(file.with_context(|| path.display().to_string())?)))
+}
+
+fn write(file: &mut BufWriter<File>, metrics: &Metrics) -> Result<()> {
+    serde_json::to_writer(&mut *file, metrics)?;
+    file.write_all(b"\n")?;
+    Ok(file.flush()?)
+}

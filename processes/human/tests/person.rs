@@ -1,0 +1,285 @@
+//! What the human process keeps of a person: belief, prediction and the groups of imagined people.
+
+use human::{GROUPS, Options, Person};
+use messages::{
+    Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, Message,
+};
+use models::checkpoint::{save_implants, save_self_model};
+use models::self_model::Sizes;
+use models::utterances::UtteranceTable;
+use models::{Implants, Kind, SelfHuman, SelfModel};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+#[global_allocator]
+static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
+
+fn model() -> SelfModel {
+    SelfModel::new(
+        Sizes {
+            hidden: 32,
+            ..Sizes::HIGHWAY
+        },
+        &mut ChaCha8Rng::seed_from_u64(4),
+    )
+}
+
+fn implants(with_policy: bool) -> Implants {
+    Implants::new(
+        Sizes::HIGHWAY.latent,
+        2,
+        with_policy,
+        &mut ChaCha8Rng::seed_from_u64(5),
+    )
+}
+
+fn person() -> Person {
+    let human = SelfHuman::new(Arc::new(model()), Some(implants(true)));
+    Person::new(
+        Box::new(human),
+        UtteranceTable::shipped().expect("the table ships"),
+    )
+}
+
+/// A car 30 m ahead and one 30 m behind, both beyond what untrained implants let the person see.
+fn frame(step: u32) -> LidarFrame {
+    let mut frame = LidarFrame::ZERO;
+    frame.header.step = step;
+    frame.range = [1.0; messages::BEAMS];
+    (frame.range[0], frame.range[18]) = (0.75, 0.75);
+    frame
+}
+
+fn observe(person: &mut Person, step: u32, display: &Display, taken: [f32; 2]) -> HumanBelief {
+    let mut out = HumanBelief::ZERO;
+    person.observe(&frame(step), display, taken, &mut out);
+    out
+}
+
+fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest> {
+    let mut question = Box::new(ImagineRequest::ZERO);
+    question.header.step = step;
+    (question.group, question.phase, question.rows, question.seed) = (group, phase, rows, 77);
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for value in question.lidar.as_flattened_mut() {
+        *value = rng.random();
+    }
+    question
+}
+
+fn ask(person: &mut Person, question: &ImagineRequest) -> Box<ImagineAnswer> {
+    let mut answer = Box::new(ImagineAnswer::ZERO);
+    (answer.group, answer.phase, answer.rows) = (question.group, question.phase, question.rows);
+    person.answer(question, &mut answer);
+    answer
+}
+
+#[test]
+fn what_is_shown_and_said_reaches_the_person() {
+    let with = |write: fn(&mut Display)| {
+        let mut display = Display::ZERO;
+        write(&mut display);
+        observe(&mut person(), 0, &display, [0.0; 2]).mean
+    };
+    let nothing = with(|_| {});
+    assert_ne!(
+        nothing,
+        with(|d| d.highlighted = 1),
+        "the car ahead is shown"
+    );
+    assert_eq!(
+        nothing,
+        with(|d| d.highlighted = 1 << 3),
+        "the display does not reach behind"
+    );
+    assert_eq!(
+        nothing,
+        with(|d| d.highlighted = 1 << 1),
+        "there is no car to draw a box around"
+    );
+    let said = |kind: u32, range_m: f32, sector: u32| {
+        let mut display = Display::ZERO;
+        display.utterance_count = 1;
+        let words = &mut display.utterances[0];
+        (words.kind, words.range_m, words.sector) = (kind, range_m, sector);
+        observe(&mut person(), 0, &display, [0.0; 2]).mean
+    };
+    assert_ne!(nothing, said(2, 30.0, 3));
+    assert_ne!(said(1, 30.0, 3), said(2, 30.0, 3), "slow is not fast");
+    assert_ne!(said(2, 10.0, 3), said(2, 30.0, 3), "near is not far");
+    assert_ne!(said(2, 30.0, 2), said(2, 30.0, 3));
+    // Words of another vocabulary, and sectors that there are not, are passed over.
+    assert_eq!(nothing, said(7, 30.0, 3));
+    assert_eq!(nothing, said(2, 30.0, 6));
+}
+
+#[test]
+fn the_likelihood_is_that_of_the_action_under_the_prediction_before() {
+    let likelihood = |taken: fn(&HumanBelief) -> [f32; 2]| {
+        let mut person = person();
+        let first = observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
+        assert_eq!(first.log_likelihood, 0.0);
+        let second = observe(&mut person, 1, &Display::ZERO, taken(&first));
+        (first, second.log_likelihood)
+    };
+    let (first, expected) = likelihood(|before| before.action_mean);
+    let by_hand: f32 = (0..2)
+        .map(|i| {
+            let (a, d) = (first.action_mean[i], first.action_deviation[i]);
+            -d.ln() - 0.5 * (2.0 * std::f32::consts::PI).ln() - (1.0 - a * a).ln()
+        })
+        .sum();
+    assert!(
+        (expected - by_hand).abs() < 1e-3,
+        "{expected} and {by_hand}"
+    );
+    let (_, surprising) = likelihood(|before| {
+        before
+            .action_mean
+            .map(|a| if a > 0.0 { -0.95 } else { 0.95 })
+    });
+    assert!(surprising < expected - 0.5);
+    assert_eq!(runtime::text_of(&first.kind), "mirror");
+}
+
+#[test]
+fn questions_that_cannot_be_answered_say_why() {
+    let mut person = person();
+    assert_eq!(
+        ask(&mut person, &question(0, 0, 0, 5)).status,
+        1,
+        "nothing is believed yet"
+    );
+    for step in 0..6 {
+        observe(&mut person, step, &Display::ZERO, [0.1; 2]);
+    }
+    assert_eq!(
+        ask(&mut person, &question(5, 0, 1, 5)).status,
+        2,
+        "the group was not started"
+    );
+    assert_eq!(
+        ask(&mut person, &question(0, 0, 0, 5)).status,
+        1,
+        "too long ago"
+    );
+    assert_eq!(ask(&mut person, &question(9, 0, 0, 5)).status, 1, "not yet");
+    let mut elsewhere = question(5, 0, 0, 5);
+    elsewhere.header.episode = 1;
+    assert_eq!(ask(&mut person, &elsewhere).status, 1);
+    // A plan may have begun a step ago.
+    for step in [4, 5] {
+        assert_eq!(ask(&mut person, &question(step, 0, 0, 5)).status, 0);
+    }
+    assert_eq!(ask(&mut person, &question(5, 0, 1, 5)).status, 0);
+    for (group, phase, rows) in [
+        (GROUPS as u32, 0, 5),
+        (u32::MAX, 1, 5),
+        (0, 0, 0),
+        (0, 0, MAX_GROUP as u32 + 1),
+        (0, 1, 6),
+        (0, 1, u32::MAX),
+        (0, 3, 5),
+    ] {
+        assert_eq!(
+            ask(&mut person, &question(5, group, phase, rows)).status,
+            2,
+            "{group} {phase} {rows}"
+        );
+    }
+    assert_eq!(ask(&mut person, &question(5, 0, 2, 0)).status, 0);
+    assert_eq!(
+        ask(&mut person, &question(5, 0, 1, 5)).status,
+        2,
+        "the group was forgotten"
+    );
+}
+
+#[test]
+fn an_answer_depends_on_belief_and_question_alone() {
+    let answers = |between: bool| {
+        let mut person = person();
+        observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
+        let rows = 30;
+        let mut all = Vec::new();
+        for phase in [0, 1, 1] {
+            if between {
+                for phase in [0, 1] {
+                    ask(&mut person, &question(0, 1, phase, 300));
+                }
+            }
+            let answer = ask(&mut person, &question(0, 0, phase, rows));
+            assert_eq!(answer.status, 0);
+            all.extend_from_slice(&answer.action[..rows as usize]);
+        }
+        all
+    };
+    assert_eq!(answers(false), answers(true), "other groups leave no trace");
+    assert!(
+        answers(false)
+            .as_flattened()
+            .iter()
+            .all(|a| (-1.0..=1.0).contains(a))
+    );
+    // A known action is what everybody does now.
+    let mut person = person();
+    observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
+    let mut known = question(0, 0, 0, 9);
+    (known.action_known, known.action) = (1, [0.25, -0.5]);
+    assert_eq!(ask(&mut person, &known).action[..9], [[0.25, -0.5]; 9]);
+}
+
+#[test]
+fn it_allocates_nothing_once_it_is_warm() {
+    let mut person = person();
+    let questions: Vec<_> = (0..4).map(|i| question(0, i / 2, i % 2, 64)).collect();
+    let mut answer = Box::new(ImagineAnswer::ZERO);
+    let mut before = 0;
+    for round in 0..3 {
+        if round == 2 {
+            before = runtime::alloc_count::allocations();
+        }
+        for step in 0..3 {
+            observe(&mut person, step, &Display::ZERO, [0.1; 2]);
+            for question in &questions {
+                person.answer(question, &mut answer);
+                assert_eq!(answer.status, 0);
+            }
+        }
+    }
+    assert_eq!(runtime::alloc_count::allocations(), before);
+}
+
+#[test]
+fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
+    let folder = tempfile::tempdir_in("/tmp").expect("a temporary directory");
+    let path = |name: &str| folder.path().join(name);
+    save_self_model(&path("self"), &model(), "test").expect("written");
+    save_implants(&path("both"), &implants(true), &model(), "test").expect("written");
+    save_implants(&path("perception"), &implants(false), &model(), "test").expect("written");
+    let load = |kind: Kind, implants: Option<&str>| {
+        let options = Options {
+            kind,
+            model: path("self"),
+            implants: implants.map(path),
+        };
+        options
+            .load()
+            .map(|model| model.kind())
+            .map_err(|error| format!("{error:#}"))
+    };
+    assert_eq!(load(Kind::Myself, None), Ok("self"));
+    assert_eq!(load(Kind::Mirror, Some("both")), Ok("mirror"));
+    assert_eq!(load(Kind::MirrorP, Some("perception")), Ok("mirror-p"));
+    for (kind, implants, word) in [
+        (Kind::Mirror, None, "needs implants"),
+        (Kind::Mirror, Some("perception"), "perception"),
+        (Kind::MirrorP, Some("both"), "both"),
+        (Kind::Mirror, Some("absent"), "absent"),
+        (Kind::Mirror, Some("self"), "self"),
+    ] {
+        let error = load(kind, implants).expect_err("refused");
+        assert!(error.contains(word), "{error}");
+    }
+}
