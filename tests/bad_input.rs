@@ -10,7 +10,10 @@ fn refused(bench: &Bench, arguments: &[&str], words: &[&str]) {
     let mut command = bench.up(&name);
     let output = run(command.args(["--episodes", "1"]).args(arguments));
     assert_refused(&output, words, &format!("{arguments:?}"));
-    assert!(!runtime::instance::default_root().join(&name).exists(), "{arguments:?} started something");
+    assert!(
+        !runtime::instance::default_root().join(&name).exists(),
+        "{arguments:?} started something"
+    );
 }
 
 fn assert_refused(output: &std::process::Output, words: &[&str], what: &str) {
@@ -41,8 +44,16 @@ fn text(path: &Path) -> &str {
 #[test]
 fn scenes() {
     let bench = Bench::new();
-    refused(&bench, &["--scene", "highway-dust"], &["highway-dust", "highway-fog"]);
-    refused(&bench, &["--scene", "/nowhere/scene.toml"], &["/nowhere/scene.toml"]);
+    refused(
+        &bench,
+        &["--scene", "highway-dust"],
+        &["highway-dust", "highway-fog"],
+    );
+    refused(
+        &bench,
+        &["--scene", "/nowhere/scene.toml"],
+        &["/nowhere/scene.toml"],
+    );
     let random = bench.write("random.toml", random_bytes());
     refused(&bench, &["--scene", text(&random)], &["random.toml:1:"]);
     let cut = bench.write("cut.toml", "name = \"cut\"\n[traffic]\norder = \"cy");
@@ -50,22 +61,53 @@ fn scenes() {
     let key = bench.write("key.toml", "name = \"key\"\n[traffic]\nordre = 1\n");
     refused(&bench, &["--scene", text(&key)], &["key.toml:3:1", "ordre"]);
     let range = bench.write("range.toml", "[ego]\nlength_m = -4.0\n");
-    refused(&bench, &["--scene", text(&range)], &["range.toml", "ego.length_m", "-4"]);
+    refused(
+        &bench,
+        &["--scene", text(&range)],
+        &["range.toml", "ego.length_m", "-4"],
+    );
     let elites = bench.write("elites.toml", "[planning]\nsamples = 10\nelites = 11\n");
-    refused(&bench, &["--scene", text(&elites)], &["elites.toml", "elites"]);
-    refused(&bench, &["--scene", text(bench.directory.path())], &[text(bench.directory.path())]);
+    refused(
+        &bench,
+        &["--scene", text(&elites)],
+        &["elites.toml", "elites"],
+    );
+    refused(
+        &bench,
+        &["--scene", text(bench.directory.path())],
+        &[text(bench.directory.path())],
+    );
 }
 
 #[test]
 fn people() {
     let bench = Bench::new();
-    for who in ["sim:0", "sim:22", "sim:99999999999", "recorded:x", "nobody", "sim:"] {
+    for who in [
+        "sim:0",
+        "sim:22",
+        "sim:99999999999",
+        "recorded:x",
+        "nobody",
+        "sim:",
+    ] {
         refused(&bench, &["--driver", who], &[]);
     }
-    refused(&bench, &["--driver", "recorded:3"], &["recorded:3", "CommonRoad"]);
-    refused(&bench, &["--driver", "sim:/nowhere/me.toml"], &["/nowhere/me.toml"]);
+    refused(
+        &bench,
+        &["--driver", "recorded:3"],
+        &["recorded:3", "CommonRoad"],
+    );
+    refused(
+        &bench,
+        &["--driver", "sim:/nowhere/me.toml"],
+        &["/nowhere/me.toml"],
+    );
     let random = bench.write("me.toml", random_bytes());
-    refused(&bench, &["--driver", &format!("sim:{}", text(&random))], &["me.toml:1:"]);
+    refused(
+        &bench,
+        &["--driver", &format!("sim:{}", text(&random))],
+        &["me.toml:1:"],
+    );
 }
 
 #[test]
@@ -74,11 +116,24 @@ fn scenarios() {
     refused(&bench, &["--scene", "/nowhere/a.xml"], &["/nowhere/a.xml"]);
     let random = bench.write("random.xml", random_bytes());
     refused(&bench, &["--scene", text(&random)], &["random.xml:1"]);
-    let cut = bench.write("cut.xml", "<commonRoad commonRoadVersion=\"2020a\">\n<lanelet id=\"1\">\n<leftBound>");
+    let cut = bench.write(
+        "cut.xml",
+        "<commonRoad commonRoadVersion=\"2020a\">\n<lanelet id=\"1\">\n<leftBound>",
+    );
     refused(&bench, &["--scene", text(&cut)], &["cut.xml:"]);
-    let old = bench.write("old.xml", "<commonRoad commonRoadVersion=\"2017a\" timeStepSize=\"0.1\"></commonRoad>");
-    refused(&bench, &["--scene", text(&old)], &["old.xml:1", "2017a", "2020a"]);
-    let empty = bench.write("empty.xml", "<commonRoad commonRoadVersion=\"2020a\" timeStepSize=\"0.1\"></commonRoad>");
+    let old = bench.write(
+        "old.xml",
+        "<commonRoad commonRoadVersion=\"2017a\" timeStepSize=\"0.1\"></commonRoad>",
+    );
+    refused(
+        &bench,
+        &["--scene", text(&old)],
+        &["old.xml:1", "2017a", "2020a"],
+    );
+    let empty = bench.write(
+        "empty.xml",
+        "<commonRoad commonRoadVersion=\"2020a\" timeStepSize=\"0.1\"></commonRoad>",
+    );
     refused(&bench, &["--scene", text(&empty)], &["empty.xml"]);
 }
 
@@ -88,13 +143,31 @@ fn models() {
     let model = std::fs::read(bench.path("self.safetensors")).unwrap();
     let up = |file: &Path, more: &[&str]| {
         let mut command = mirror();
-        command.args(["up", "--planner", "none", "--episodes", "1", "--self-model", text(file)]).args(more);
+        command
+            .args([
+                "up",
+                "--planner",
+                "none",
+                "--episodes",
+                "1",
+                "--self-model",
+                text(file),
+            ])
+            .args(more);
         run(&mut command)
     };
     let missing = bench.path("missing.safetensors");
-    assert_refused(&up(&missing, &["--human", "self"]), &["missing.safetensors"], "missing");
+    assert_refused(
+        &up(&missing, &["--human", "self"]),
+        &["missing.safetensors"],
+        "missing",
+    );
     let random = bench.write("random.safetensors", random_bytes());
-    assert_refused(&up(&random, &["--human", "self"]), &["random.safetensors"], "random");
+    assert_refused(
+        &up(&random, &["--human", "self"]),
+        &["random.safetensors"],
+        "random",
+    );
     let cut = bench.write("cut.safetensors", &model[..model.len() / 2]);
     assert_refused(&up(&cut, &["--human", "self"]), &["cut.safetensors"], "cut");
     // A self-model is no person's implants.
@@ -111,11 +184,23 @@ fn options() {
     refused(&bench, &["--exec", "world"], &["--exec"]);
     refused(&bench, &["--exec", "moon=/bin/true"], &["moon", "planner"]);
     refused(&bench, &["--exec", "human="], &["human"]);
-    refused(&bench, &["--record", "/nowhere/run.mcap"], &["/nowhere/run.mcap"]);
-    refused(&bench, &["--summary", "/nowhere/run.json"], &["/nowhere/run.json"]);
+    refused(
+        &bench,
+        &["--record", "/nowhere/run.mcap"],
+        &["/nowhere/run.mcap"],
+    );
+    refused(
+        &bench,
+        &["--summary", "/nowhere/run.json"],
+        &["/nowhere/run.json"],
+    );
     let again = |arguments: &[&str], words: &[&str]| {
         let mut command = mirror();
-        assert_refused(&run(command.arg("up").args(arguments)), words, &format!("{arguments:?}"));
+        assert_refused(
+            &run(command.arg("up").args(arguments)),
+            words,
+            &format!("{arguments:?}"),
+        );
     };
     again(&["--episodes", "0"], &["--episodes"]);
     again(&["--planner", "telepathy"], &["telepathy"]);
@@ -123,7 +208,14 @@ fn options() {
     again(&["--clock", "sundial"], &["sundial"]);
     again(&["--seed", "-1"], &[]);
     let model = bench.path("self.safetensors");
-    let plain = ["--human", "self", "--planner", "none", "--self-model", text(&model)];
+    let plain = [
+        "--human",
+        "self",
+        "--planner",
+        "none",
+        "--self-model",
+        text(&model),
+    ];
     again(&[&plain[..], &["--instance", "a/b"]].concat(), &["a/b"]);
     again(&[&plain[..], &["--instance", ""]].concat(), &["instance"]);
 }
@@ -134,7 +226,11 @@ fn an_instance_in_use() {
     let name = instance("busy");
     let mut live = Live::start(bench.up(&name).args(["--episodes", "1000000"]), &name);
     let output = run(bench.up(&name).args(["--episodes", "1"]));
-    assert_refused(&output, &[&name, &live.child.id().to_string()], "instance in use");
+    assert_refused(
+        &output,
+        &[&name, &live.child.id().to_string()],
+        "instance in use",
+    );
     // It was not disturbed.
     live.wait_for_line("START");
     live.signal("launcher", libc::SIGTERM);

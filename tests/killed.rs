@@ -10,7 +10,9 @@ fn killed(process: &str, after: impl FnOnce(&mut Live)) -> serde_json::Value {
     let name = instance(process);
     let file = bench.path("summary.json");
     let mut command = bench.up(&name);
-    command.args(["--episodes", "1000000", "--summary"]).arg(&file);
+    command
+        .args(["--episodes", "1000000", "--summary"])
+        .arg(&file);
     let mut live = Live::start(&mut command, &name);
     live.signal(process, libc::SIGKILL);
     after(&mut live);
@@ -31,8 +33,16 @@ fn next_run_works(bench: &Bench, name: &str) {
 fn ends_the_run(process: &str) {
     let summary = killed(process, |_| {});
     let reason = summary["ended_early"].as_str().unwrap();
-    assert!(reason.contains(process) && reason.contains("signal 9"), "{reason}");
-    assert!(summary["deaths"][process].as_str().unwrap().contains("signal 9"));
+    assert!(
+        reason.contains(process) && reason.contains("signal 9"),
+        "{reason}"
+    );
+    assert!(
+        summary["deaths"][process]
+            .as_str()
+            .unwrap()
+            .contains("signal 9")
+    );
     assert_eq!(summary["completed"], false);
     assert_eq!(summary["digest"], serde_json::Value::Null);
 }
@@ -75,7 +85,12 @@ fn recorder_leaves_the_run_going_and_interrupt_ends_it() {
         live.signal("launcher", libc::SIGINT);
     });
     assert_eq!(summary["ended_early"], "interrupted");
-    assert!(summary["deaths"]["recorder"].as_str().unwrap().contains("signal 9"));
+    assert!(
+        summary["deaths"]["recorder"]
+            .as_str()
+            .unwrap()
+            .contains("signal 9")
+    );
     assert_eq!(summary["recording"], serde_json::Value::Null);
     assert!(summary["episodes"].as_u64().unwrap() >= 2);
 }

@@ -10,7 +10,9 @@ use std::process::{Command, Stdio};
 fn up(bench: &Bench, name: &str, seed: &str) -> (Command, PathBuf) {
     let file = bench.path(&format!("{name}.json"));
     let mut command = bench.up(&instance(name));
-    command.args(["--episodes", "2", "--seed", seed, "--quiet", "--summary"]).arg(&file);
+    command
+        .args(["--episodes", "2", "--seed", seed, "--quiet", "--summary"])
+        .arg(&file);
     (command, file)
 }
 
@@ -24,7 +26,9 @@ fn on_one_core(command: &mut Command) {
                 return Err(std::io::Error::last_os_error());
             }
             let mut one: libc::cpu_set_t = core::mem::zeroed();
-            if let Some(core) = (0..libc::CPU_SETSIZE as usize).find(|core| libc::CPU_ISSET(*core, &allowed)) {
+            if let Some(core) =
+                (0..libc::CPU_SETSIZE as usize).find(|core| libc::CPU_ISSET(*core, &allowed))
+            {
                 libc::CPU_SET(core, &mut one);
             }
             if libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &one) != 0 {
@@ -42,7 +46,12 @@ fn equal_seeds_give_equal_digests_however_fast_the_machine() {
     let (mut free, free_file) = up(&bench, "free", "7");
     let (mut confined, confined_file) = up(&bench, "confined", "7");
     on_one_core(&mut confined);
-    let beside = confined.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let beside = confined
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     let free = run(&mut free);
     let confined = beside.wait_with_output().unwrap();
     assert!(free.status.success(), "{}", told(&free));
@@ -81,11 +90,18 @@ fn equal_seeds_give_equal_digests_however_fast_the_machine() {
 fn the_real_time_clock_runs_to_the_end_too() {
     let bench = Bench::new();
     // Sixty simulated seconds in one.
-    let scene = bench.write("fast.toml", "name = \"fast\"\n[clock]\nrate = 60.0\n[episode]\nmax_steps = 100\n");
+    let scene = bench.write(
+        "fast.toml",
+        "name = \"fast\"\n[clock]\nrate = 60.0\n[episode]\nmax_steps = 100\n",
+    );
     let file = bench.path("summary.json");
     let name = instance("realtime");
     let mut command = bench.up(&name);
-    command.args(["--clock", "realtime", "--episodes", "1", "--scene"]).arg(scene).arg("--summary").arg(&file);
+    command
+        .args(["--clock", "realtime", "--episodes", "1", "--scene"])
+        .arg(scene)
+        .arg("--summary")
+        .arg(&file);
     let output = run(&mut command);
     assert!(output.status.success(), "{}", told(&output));
     let summary = summary(&file);

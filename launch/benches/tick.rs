@@ -14,20 +14,42 @@ const RUNS: usize = 5;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let directory = tempfile::tempdir()?;
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/pretrained/highway-self.safetensors");
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../shared/pretrained/highway-self.safetensors"
+    );
     let mut model = std::path::PathBuf::from(shipped);
     if !model.exists() {
         model = directory.path().join("self.safetensors");
         let untrained = SelfModel::new(Sizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(1));
-        models::checkpoint::save_self_model(&model, &untrained, "cargo bench -p mirror --bench tick")?;
+        models::checkpoint::save_self_model(
+            &model,
+            &untrained,
+            "cargo bench -p mirror --bench tick",
+        )?;
     }
     let file = directory.path().join("summary.json");
     let mut ticks = Vec::new();
     for run in 0..RUNS {
         let output = Command::new(env!("CARGO_BIN_EXE_mirror"))
-            .args(["up", "--planner", "none", "--human", "self", "--quiet", "--episodes", "30", "--seed"])
+            .args([
+                "up",
+                "--planner",
+                "none",
+                "--human",
+                "self",
+                "--quiet",
+                "--episodes",
+                "30",
+                "--seed",
+            ])
             .arg(run.to_string())
-            .args(["--self-model".as_ref(), model.as_os_str(), "--summary".as_ref(), file.as_os_str()])
+            .args([
+                "--self-model".as_ref(),
+                model.as_os_str(),
+                "--summary".as_ref(),
+                file.as_os_str(),
+            ])
             .output()?;
         if !output.status.success() {
             return Err(String::from_utf8_lossy(&output.stderr).into_owned().into());
@@ -35,7 +57,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let summary: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&file)?)?;
         let number = |key: &str| summary[key].as_f64().unwrap_or(f64::NAN);
         let tick_us = 1e6 * number("wall_seconds") / number("steps");
-        println!("run {run}: {} steps, {tick_us:.1} µs per tick", number("steps"));
+        println!(
+            "run {run}: {} steps, {tick_us:.1} µs per tick",
+            number("steps")
+        );
         if run + 1 == RUNS {
             println!("compute time per step (µs)    p50     p99");
             for (process, times) in summary["compute_us"].as_object().into_iter().flatten() {
@@ -46,6 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         ticks.push(tick_us);
     }
     ticks.sort_by(f64::total_cmp);
-    println!("lockstep tick: median {:.1} µs, best {:.1} µs of {RUNS} runs", ticks[RUNS / 2], ticks[0]);
+    println!(
+        "lockstep tick: median {:.1} µs, best {:.1} µs of {RUNS} runs",
+        ticks[RUNS / 2],
+        ticks[0]
+    );
     Ok(())
 }

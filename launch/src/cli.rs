@@ -56,7 +56,11 @@ pub struct UpArguments {
     pub planner: PlannerKind,
     /// Who drives: `sim:ID` (a simulated person, 1 to 21), `sim:FILE.toml` (your own), or `recorded:ID` (the person in that
     /// car of a CommonRoad scenario)
-    #[arg(long, value_name = "sim:ID|sim:FILE|recorded:ID", default_value = "sim:1")]
+    #[arg(
+        long,
+        value_name = "sim:ID|sim:FILE|recorded:ID",
+        default_value = "sim:1"
+    )]
     pub driver: String,
     /// How many episodes to drive
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
@@ -256,7 +260,12 @@ pub struct EvaluateDriveArguments {
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
     /// Conditions: clear, silent, everything (in fog), or planned with mirror, mirror-p, self (in fog)
-    #[arg(long, value_name = "NAME,…", value_delimiter = ',', default_value = "clear,silent,everything,mirror,self")]
+    #[arg(
+        long,
+        value_name = "NAME,…",
+        value_delimiter = ',',
+        default_value = "clear,silent,everything,mirror,self"
+    )]
     pub conditions: Vec<String>,
     /// How many of the simulated people drive
     #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=21))]

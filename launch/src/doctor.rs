@@ -16,7 +16,8 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     let root = default_root();
     let mut well = true;
     println!("Instances below {}", root.display());
-    let states = list_instances(&root).map_err(|error| Failure::from(anyhow::Error::from(error)))?;
+    let states =
+        list_instances(&root).map_err(|error| Failure::from(anyhow::Error::from(error)))?;
     if states.is_empty() {
         println!("  none runs, and none left anything");
     }
@@ -27,7 +28,10 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
         }
         if arguments.clean {
             let report = cleanup_dead(&root, &state.instance).map_err(anyhow::Error::from)?;
-            println!("    cleaned: {} dead processes, {} files in shared memory", report.nodes, report.files);
+            println!(
+                "    cleaned: {} dead processes, {} files in shared memory",
+                report.nodes, report.files
+            );
             well &= report.failed == 0;
         } else {
             println!("    `mirror doctor --clean` removes it");
@@ -36,11 +40,20 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     }
     println!("Limits");
     let free = shared_memory_free();
-    well &= limit("shared memory free (/dev/shm)", free >> 20, SHARED_MEMORY_NEEDED >> 20, "MiB");
+    well &= limit(
+        "shared memory free (/dev/shm)",
+        free >> 20,
+        SHARED_MEMORY_NEEDED >> 20,
+        "MiB",
+    );
     well &= limit("open files (ulimit -n)", open_files(), FILES_NEEDED, "");
     let cores = std::thread::available_parallelism().map_or(1, usize::from) as u64;
     well &= limit("processor cores", cores, 1, "");
-    Ok(if well { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if well {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
 }
 
 /// Prints an instance; true if it is, in part or in whole, what a dead run left.
@@ -66,7 +79,10 @@ fn limit(what: &str, have: u64, need: u64, unit: &str) -> bool {
 }
 
 fn open_files() -> u64 {
-    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    let mut limit = libc::rlimit {
+        rlim_cur: 0,
+        rlim_max: 0,
+    };
     // SAFETY: a live structure of the right type.
     match unsafe { libc::getrlimit(libc::RLIMIT_NOFILE, &mut limit) } {
         0 => limit.rlim_cur,

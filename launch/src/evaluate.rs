@@ -18,12 +18,20 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         let mut conditions = Vec::new();
         for name in &arguments.conditions {
             let known = || Condition::ALL.map(Condition::name).join(", ");
-            let condition = Condition::parse(name)
-                .with_context(|| format!("--conditions {name}: there is no such condition; there are {}", known()))?;
+            let condition = Condition::parse(name).with_context(|| {
+                format!(
+                    "--conditions {name}: there is no such condition; there are {}",
+                    known()
+                )
+            })?;
             conditions.push(condition);
         }
-        let planned = conditions.iter().any(|condition| condition.human().is_some());
-        let model = planned.then(|| inputs::self_model(arguments.self_model.as_deref())).transpose()?;
+        let planned = conditions
+            .iter()
+            .any(|condition| condition.human().is_some());
+        let model = planned
+            .then(|| inputs::self_model(arguments.self_model.as_deref()))
+            .transpose()?;
         Ok((conditions, model.map(|(_, model)| Arc::new(model))))
     };
     let (conditions, model) = plan().map_err(Failure::refused)?;
@@ -37,10 +45,11 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         settings: Settings::default(),
     };
     let progress = std::sync::OnceLock::new();
-    let summaries = experiments::drive::run(&study, model.as_ref(), &arguments.out, &|done, total| {
-        let progress = progress.get_or_init(|| Progress::new("people × seeds", total as u64));
-        progress.at(done as u64, "");
-    })?;
+    let summaries =
+        experiments::drive::run(&study, model.as_ref(), &arguments.out, &|done, total| {
+            let progress = progress.get_or_init(|| Progress::new("people × seeds", total as u64));
+            progress.at(done as u64, "");
+        })?;
     if let Some(progress) = progress.get() {
         progress.finish();
     }
@@ -50,10 +59,24 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
 }
 
 fn print_drive(summaries: &[ConditionSummary]) {
-    println!("condition   rounds   collisions [95 % over people]   visual items/min   utterances/min   mean reward");
+    println!(
+        "condition   rounds   collisions [95 % over people]   visual items/min   utterances/min   mean reward"
+    );
     for summary in summaries {
-        let ConditionSummary { condition, rounds, collisions, visual_per_minute, utterances_per_minute, reward, .. } = summary;
-        let (mean, low, high) = (100.0 * collisions.mean, 100.0 * collisions.low, 100.0 * collisions.high);
+        let ConditionSummary {
+            condition,
+            rounds,
+            collisions,
+            visual_per_minute,
+            utterances_per_minute,
+            reward,
+            ..
+        } = summary;
+        let (mean, low, high) = (
+            100.0 * collisions.mean,
+            100.0 * collisions.low,
+            100.0 * collisions.high,
+        );
         println!(
             "{condition:<11} {rounds:>6}   {mean:>5.1} % [{low:>5.1}, {high:>5.1}]          {:>16.1} {:>16.1} {:>13.1}",
             visual_per_minute.mean, utterances_per_minute.mean, reward.mean,
@@ -63,9 +86,12 @@ fn print_drive(summaries: &[ConditionSummary]) {
 
 /// `mirror evaluate implants`: what was learned of people's sight against the truth.
 pub fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> {
-    let (_, model) = inputs::self_model(arguments.self_model.as_deref()).map_err(Failure::refused)?;
+    let (_, model) =
+        inputs::self_model(arguments.self_model.as_deref()).map_err(Failure::refused)?;
     let out: &Path = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string()).map_err(Failure::refused)?;
+    std::fs::create_dir_all(out)
+        .with_context(|| out.display().to_string())
+        .map_err(Failure::refused)?;
     let settings = training::implants::Settings::default();
     let transfer = arguments.setting == Setting::Transfer;
     let mut reports = Vec::new();
@@ -80,6 +106,9 @@ pub fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failu
     }
     implants::write_csv(&reports, out)?;
     implants::draw(&reports, out)?;
-    println!("{0}/implants.csv, {0}/implants.svg, {0}/implants.png", out.display());
+    println!(
+        "{0}/implants.csv, {0}/implants.svg, {0}/implants.png",
+        out.display()
+    );
     Ok(ExitCode::SUCCESS)
 }

@@ -12,7 +12,10 @@ pub struct Failure {
 impl Failure {
     /// What was asked for cannot be used.
     pub fn refused(error: impl Into<anyhow::Error>) -> Self {
-        Self { status: 2, error: error.into() }
+        Self {
+            status: 2,
+            error: error.into(),
+        }
     }
 }
 
@@ -24,6 +27,9 @@ impl From<anyhow::Error> for Failure {
 
 impl From<runtime::NodeError> for Failure {
     fn from(error: runtime::NodeError) -> Self {
-        Self { status: 1, error: error.into() }
+        Self {
+            status: 1,
+            error: error.into(),
+        }
     }
 }

@@ -34,17 +34,24 @@ pub struct NamedDriver {
 pub fn driver(text: &str) -> Result<NamedDriver> {
     let driving = match text.split_once(':') {
         Some(("sim", id)) if id.bytes().all(|byte| byte.is_ascii_digit()) => {
-            let number = id.parse().with_context(|| format!("--driver {text}: not a number"))?;
+            let number = id
+                .parse()
+                .with_context(|| format!("--driver {text}: not a number"))?;
             Driving::Simulated(Person::builtin(number).with_context(|| format!("--driver {text}"))?)
         }
         Some(("sim", file)) => Driving::Simulated(Person::load(Path::new(file))?),
         Some(("recorded", id)) => {
-            let car = id.parse().with_context(|| format!("--driver {text}: {id:?} is no car's number"))?;
+            let car = id
+                .parse()
+                .with_context(|| format!("--driver {text}: {id:?} is no car's number"))?;
             Driving::Recorded(car)
         }
         _ => bail!("--driver {text}: expected sim:ID, sim:FILE.toml or recorded:ID"),
     };
-    Ok(NamedDriver { driving, name: text.to_owned() })
+    Ok(NamedDriver {
+        driving,
+        name: text.to_owned(),
+    })
 }
 
 /// Reads a scene by name or file.
@@ -53,21 +60,33 @@ pub fn driver(text: &str) -> Result<NamedDriver> {
 /// Names the option, or the file and the place in it.
 pub fn scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<NamedScene> {
     if let Some(fog_m) = fog_m {
-        ensure!((0.0..=1000.0).contains(&fog_m), "--fog {fog_m}: expected 0 to 1000 metres");
+        ensure!(
+            (0.0..=1000.0).contains(&fog_m),
+            "--fog {fog_m}: expected 0 to 1000 metres"
+        );
     }
     let seat = match driving {
         Driving::Simulated(_) => None,
         Driving::Recorded(car) => Some(*car),
     };
     let path = Path::new(text);
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+    let extension = path
+        .extension()
+        .and_then(|extension| extension.to_str())
+        .unwrap_or_default();
     if extension.eq_ignore_ascii_case("xml") {
         let scene = Scenario::read(path)?.scene(fog_m, seat)?;
         scene.check(path)?;
-        return Ok(NamedScene { name: scene.name.clone(), scene, recording: Some(path.to_owned()) });
+        return Ok(NamedScene {
+            name: scene.name.clone(),
+            scene,
+            recording: Some(path.to_owned()),
+        });
     }
     if let Some(car) = seat {
-        bail!("--driver recorded:{car}: only a CommonRoad scenario has recorded drivers, and --scene {text} is none");
+        bail!(
+            "--driver recorded:{car}: only a CommonRoad scenario has recorded drivers, and --scene {text} is none"
+        );
     }
     let mut scene = match extension {
         "" if !path.exists() => Scene::builtin(text).context("--scene")?,
@@ -76,7 +95,11 @@ pub fn scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<NamedS
     if let Some(fog_m) = fog_m {
         scene.set_fog_m(fog_m);
     }
-    Ok(NamedScene { name: scene.name.clone(), scene, recording: None })
+    Ok(NamedScene {
+        name: scene.name.clone(),
+        scene,
+        recording: None,
+    })
 }
 
 /// The kind of human model of that name.
@@ -85,7 +108,12 @@ pub fn scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<NamedS
 /// Lists the kinds that there are.
 pub fn human(option: &str, text: &str) -> Result<Kind> {
     let kinds = || Kind::ALL.map(Kind::name).join(", ");
-    Kind::parse(text).with_context(|| format!("{option} {text}: there is no such human model; there are {}", kinds()))
+    Kind::parse(text).with_context(|| {
+        format!(
+            "{option} {text}: there is no such human model; there are {}",
+            kinds()
+        )
+    })
 }
 
 /// A path that a file can be written to: its directory exists.
@@ -95,8 +123,17 @@ pub fn human(option: &str, text: &str) -> Result<Kind> {
 pub fn writable(option: &str, path: &Path) -> Result<PathBuf> {
     let path = std::path::absolute(path).with_context(|| format!("{option} {}", path.display()))?;
     let directory = path.parent().unwrap_or(Path::new("/"));
-    ensure!(directory.is_dir(), "{option} {}: {} is no directory", path.display(), directory.display());
-    ensure!(!path.is_dir(), "{option} {}: that is a directory", path.display());
+    ensure!(
+        directory.is_dir(),
+        "{option} {}: {} is no directory",
+        path.display(),
+        directory.display()
+    );
+    ensure!(
+        !path.is_dir(),
+        "{option} {}: that is a directory",
+        path.display()
+    );
     Ok(path)
 }
 
@@ -107,7 +144,11 @@ pub fn writable(option: &str, path: &Path) -> Result<PathBuf> {
 pub fn settings(scene: &NamedScene) -> Result<Settings> {
     let (planning, communication) = (&scene.scene.planning, &scene.scene.communication);
     let power = communication.verbal_power;
-    ensure!(power == 3.0, "{}: communication.verbal_power is {power}: the planner knows only 3", scene.name);
+    ensure!(
+        power == 3.0,
+        "{}: communication.verbal_power is {power}: the planner knows only 3",
+        scene.name
+    );
     let settings = Settings {
         horizon: planning.horizon as usize,
         hold: planning.repeat as usize,
@@ -165,7 +206,12 @@ pub enum ImplantSource {
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn implants(given: Option<&Path>, human: Kind, driving: &Driving, model: &SelfModel) -> Result<ImplantSource> {
+pub fn implants(
+    given: Option<&Path>,
+    human: Kind,
+    driving: &Driving,
+    model: &SelfModel,
+) -> Result<ImplantSource> {
     if human == Kind::Myself {
         ensure!(given.is_none(), "--implants: human model `self` has none");
         return Ok(ImplantSource::None);
@@ -174,7 +220,10 @@ pub fn implants(given: Option<&Path>, human: Kind, driving: &Driving, model: &Se
         return match driving {
             Driving::Simulated(person) => Ok(ImplantSource::Learn(Box::new(person.clone()))),
             Driving::Recorded(car) => {
-                bail!("--human {} needs --implants for recorded driver {car}; or use --human self", human.name())
+                bail!(
+                    "--human {} needs --implants for recorded driver {car}; or use --human self",
+                    human.name()
+                )
             }
         };
     };

@@ -6,7 +6,9 @@ use runtime::RunArguments;
 use std::process::ExitCode;
 
 /// The processes in launch order; a process's place is its index in messages.
-pub const NAMES: [&str; 7] = ["world", "driver", "belief", "human", "planner", "renderer", "recorder"];
+pub const NAMES: [&str; 7] = [
+    "world", "driver", "belief", "human", "planner", "renderer", "recorder",
+];
 
 /// Runs a process until its run ends.
 pub fn process(arguments: &ProcessArguments) -> Result<ExitCode, Failure> {
@@ -21,7 +23,9 @@ pub fn process(arguments: &ProcessArguments) -> Result<ExitCode, Failure> {
         "recorder" => recorder::run(&run, &run.options().map_err(Failure::refused)?)?,
         other => {
             let names = NAMES.join(", ");
-            return Err(Failure::refused(anyhow::anyhow!("there is no process {other:?}; there are {names}")));
+            return Err(Failure::refused(anyhow::anyhow!(
+                "there is no process {other:?}; there are {names}"
+            )));
         }
     }
     Ok(ExitCode::SUCCESS)

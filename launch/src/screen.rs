@@ -76,13 +76,19 @@ impl Progress {
     pub fn new(what: &str, length: u64) -> Self {
         let bar = io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(length);
-            if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {msg} {eta}") {
+            if let Ok(style) =
+                ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {msg} {eta}")
+            {
                 bar.set_style(style);
             }
             bar.set_prefix(what.to_owned());
             bar
         });
-        Self { bar, what: what.to_owned(), length }
+        Self {
+            bar,
+            what: what.to_owned(),
+            length,
+        }
     }
 
     /// So far, and a word about it.

@@ -24,7 +24,11 @@ const EVALUATED: u32 = 30;
 pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
     let (mut trainer, out) = prepare(arguments).map_err(Failure::refused)?;
     let checkpoint = checkpoint_of(&out);
-    let mut metrics = arguments.metrics.as_deref().map(|path| open(path, arguments.resume)).transpose()?;
+    let mut metrics = arguments
+        .metrics
+        .as_deref()
+        .map(|path| open(path, arguments.resume))
+        .transpose()?;
     let progress = Progress::new("episodes", u64::from(trainer.settings.episodes));
     while trainer.episode < trainer.settings.episodes {
         let lived = trainer.episode();
@@ -34,21 +38,32 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
         let driver = if lived.expert { "expert" } else { "policy" };
         progress.at(
             u64::from(trainer.episode),
-            &format!("{driver} reward {:.1}, −ELBO {:.1}", lived.episode_reward, lived.loss),
+            &format!(
+                "{driver} reward {:.1}, −ELBO {:.1}",
+                lived.episode_reward, lived.loss
+            ),
         );
-        if trainer.episode % CHECKPOINT_EPISODES == 0 || trainer.episode == trainer.settings.episodes {
-            trainer.save(&checkpoint, &command_line()).map_err(anyhow::Error::from)?;
+        if trainer.episode % CHECKPOINT_EPISODES == 0
+            || trainer.episode == trainer.settings.episodes
+        {
+            trainer
+                .save(&checkpoint, &command_line())
+                .map_err(anyhow::Error::from)?;
         }
     }
     progress.finish();
-    models::checkpoint::save_self_model(&out, &trainer.model, &command_line()).map_err(anyhow::Error::from)?;
+    models::checkpoint::save_self_model(&out, &trainer.model, &command_line())
+        .map_err(anyhow::Error::from)?;
     let (reward, collisions) = trainer.evaluate(EVALUATED);
     println!(
         "{}: {} episodes; over {EVALUATED} new ones the policy's mean reward is {reward:.1}, its collision rate {collisions:.2}",
         out.display(),
         trainer.episode,
     );
-    println!("{}: continue with --resume and more --episodes, or delete it", checkpoint.display());
+    println!(
+        "{}: continue with --resume and more --episodes, or delete it",
+        checkpoint.display()
+    );
     Ok(ExitCode::SUCCESS)
 }
 
@@ -59,7 +74,10 @@ fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
     let mut trainer = if arguments.resume {
         Trainer::resume(&checkpoint_of(&out), scene, table)?
     } else {
-        let settings = Settings { seed: arguments.seed.unwrap_or_default(), ..Settings::default() };
+        let settings = Settings {
+            seed: arguments.seed.unwrap_or_default(),
+            ..Settings::default()
+        };
         Trainer::new(scene, table, settings)?
     };
     if let Some(episodes) = arguments.episodes {
@@ -74,8 +92,16 @@ fn checkpoint_of(out: &Path) -> PathBuf {
 }
 
 fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
-    let file = OpenOptions::new().create(true).write(true).append(append).truncate(!append).open(path);
-    Ok((path.to_owned(), BufWriter::new(file.with_context(|| path.display().to_string())?)))
+    let file = OpenOptions::new()
+        .create(true)
+        .write(true)
+        .append(append)
+        .truncate(!append)
+        .open(path);
+    Ok((
+        path.to_owned(),
+        BufWriter::new(file.with_context(|| path.display().to_string())?),
+    ))
 }
 
 fn write(file: &mut BufWriter<File>, metrics: &Metrics) -> Result<()> {

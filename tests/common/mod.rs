@@ -1,4 +1,4 @@
-//! What the whole-system tests share: starting `mirror`, a small untrained self-model, and looking for what a run left.
+//! What the whole-system tests share: starting `mirror`, an untrained self-model, and looking for what a run left.
 #![allow(dead_code)] // Each test program uses its own part.
 
 use models::SelfModel;
@@ -15,7 +15,7 @@ pub fn mirror() -> Command {
     Command::new(env!("CARGO_BIN_EXE_mirror"))
 }
 
-/// A directory with a self-model in it that never learned anything: what these tests ask does not depend on it.
+/// A directory with a self-model in it that never learned anything: what these tests ask does not depend on that.
 pub struct Bench {
     pub directory: tempfile::TempDir,
 }
@@ -23,8 +23,13 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let model = SelfModel::new(Sizes { hidden: 16, latent: 16, ..Sizes::HIGHWAY }, &mut ChaCha8Rng::seed_from_u64(1));
-        models::checkpoint::save_self_model(&directory.path().join("self.safetensors"), &model, "tests").unwrap();
+        let model = SelfModel::new(Sizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(1));
+        models::checkpoint::save_self_model(
+            &directory.path().join("self.safetensors"),
+            &model,
+            "tests",
+        )
+        .unwrap();
         Self { directory }
     }
 
@@ -41,7 +46,16 @@ impl Bench {
     /// `mirror up` without planning, in an instance of its own.
     pub fn up(&self, instance: &str) -> Command {
         let mut command = mirror();
-        command.args(["up", "--human", "self", "--planner", "none", "--instance", instance, "--self-model"]);
+        command.args([
+            "up",
+            "--human",
+            "self",
+            "--planner",
+            "none",
+            "--instance",
+            instance,
+            "--self-model",
+        ]);
         command.arg(self.path("self.safetensors"));
         command
     }
@@ -60,7 +74,12 @@ pub fn run(command: &mut Command) -> Output {
 /// Status, standard output and standard error, for messages of failed assertions.
 pub fn told(output: &Output) -> String {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    format!("{}\n--- stdout\n{}\n--- stderr\n{}", output.status, text(&output.stdout), text(&output.stderr))
+    format!(
+        "{}\n--- stdout\n{}\n--- stderr\n{}",
+        output.status,
+        text(&output.stdout),
+        text(&output.stderr)
+    )
 }
 
 /// A summary's JSON.
@@ -80,13 +99,31 @@ pub struct Live {
 impl Live {
     /// Starts it, and returns once the first episode has begun.
     pub fn start(command: &mut Command, instance: &str) -> Self {
-        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::inherit())
+            .spawn()
+            .unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap());
-        let mut live = Self { child, lines, instance: instance.to_owned(), processes: Vec::new() };
+        let mut live = Self {
+            child,
+            lines,
+            instance: instance.to_owned(),
+            processes: Vec::new(),
+        };
         live.wait_for_line("START");
         let found = nodes(&default_root(), instance).unwrap();
-        live.processes = found.into_iter().map(|node| (node.process, node.pid)).collect();
-        assert_eq!(live.processes.len(), 8, "seven processes and the launcher: {:?}", live.processes);
+        live.processes = found
+            .into_iter()
+            .map(|node| (node.process, node.pid))
+            .collect();
+        assert_eq!(
+            live.processes.len(),
+            8,
+            "seven processes and the launcher: {:?}",
+            live.processes
+        );
         live
     }
 
@@ -103,13 +140,20 @@ impl Live {
     }
 
     pub fn pid(&self, process: &str) -> u32 {
-        self.processes.iter().find(|(name, _)| name == process).unwrap().1
+        self.processes
+            .iter()
+            .find(|(name, _)| name == process)
+            .unwrap()
+            .1
     }
 
     /// Sends a signal to one of its processes.
     pub fn signal(&self, process: &str, signal: libc::c_int) {
         // SAFETY: signals a process that this test started.
-        assert_eq!(unsafe { libc::kill(self.pid(process) as libc::pid_t, signal) }, 0);
+        assert_eq!(
+            unsafe { libc::kill(self.pid(process) as libc::pid_t, signal) },
+            0
+        );
     }
 
     /// Waits for the launcher's end, reading what it prints.
@@ -120,11 +164,25 @@ impl Live {
 
     /// Waits for the end of every process but the launcher, which are not our children; at most five seconds.
     pub fn wait_for_processes(&self) {
-        for (name, pid) in self.processes.iter().filter(|(_, pid)| *pid != self.child.id()) {
-            let Ok(descriptor) = runtime::process_descriptor(*pid) else { continue };
-            let mut poll = libc::pollfd { fd: std::os::fd::AsRawFd::as_raw_fd(&descriptor), events: libc::POLLIN, revents: 0 };
+        for (name, pid) in self
+            .processes
+            .iter()
+            .filter(|(_, pid)| *pid != self.child.id())
+        {
+            let Ok(descriptor) = runtime::process_descriptor(*pid) else {
+                continue;
+            };
+            let mut poll = libc::pollfd {
+                fd: std::os::fd::AsRawFd::as_raw_fd(&descriptor),
+                events: libc::POLLIN,
+                revents: 0,
+            };
             // SAFETY: a live array of one.
-            assert_eq!(unsafe { libc::poll(&mut poll, 1, 5_000) }, 1, "{name} ({pid}) lives on");
+            assert_eq!(
+                unsafe { libc::poll(&mut poll, 1, 5_000) },
+                1,
+                "{name} ({pid}) lives on"
+            );
         }
     }
 
@@ -152,7 +210,14 @@ pub fn assert_nothing_left(instance: &str) {
     assert!(nodes(&root, instance).unwrap().is_empty());
     assert!(!root.join(instance).exists());
     let prefix = prefix(&root, instance);
-    let left: Vec<_> = std::fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.file_name()).collect();
-    let left: Vec<_> = left.iter().filter(|name| name.to_string_lossy().starts_with(&prefix)).collect();
+    let left: Vec<_> = std::fs::read_dir("/dev/shm")
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.file_name())
+        .collect();
+    let left: Vec<_> = left
+        .iter()
+        .filter(|name| name.to_string_lossy().starts_with(&prefix))
+        .collect();
     assert!(left.is_empty(), "{left:?}");
 }

@@ -30,7 +30,10 @@ impl Children {
     /// # Errors
     /// When one cannot be started; those that were are ended.
     pub fn start(plan: &Plan, launcher: &Launcher, screen: &Screen) -> Result<Self> {
-        let mut children = Self { running: Vec::new(), readers: Vec::new() };
+        let mut children = Self {
+            running: Vec::new(),
+            readers: Vec::new(),
+        };
         for (index, name) in NAMES.into_iter().enumerate() {
             let arguments = plan.arguments(launcher.arguments(), index)?;
             let mut child = command(plan, name, &arguments)?
@@ -48,7 +51,9 @@ impl Children {
             }
             if let Some(err) = child.stderr.take() {
                 let screen = screen.clone();
-                readers.push(forward(err, move |line| screen.warn(&format!("{name}: {line}"))));
+                readers.push(forward(err, move |line| {
+                    screen.warn(&format!("{name}: {line}"))
+                }));
             }
             // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
             if !plan.exec.contains_key(name) {
@@ -62,7 +67,11 @@ impl Children {
                     return Err(error).with_context(|| format!("watching {name}"));
                 }
             };
-            children.running.push(Running { child, descriptor, ended: None });
+            children.running.push(Running {
+                child,
+                descriptor,
+                ended: None,
+            });
         }
         Ok(children)
     }
@@ -83,12 +92,26 @@ impl Children {
     /// # Errors
     /// When the operating system cannot tell.
     pub fn wait(&self, timeout_ns: u64) -> Result<Option<usize>> {
-        let mut polled = self.descriptors().map(|fd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 });
+        let mut polled = self.descriptors().map(|fd| libc::pollfd {
+            fd,
+            events: libc::POLLIN,
+            revents: 0,
+        });
         // SAFETY: a live array of the stated length.
-        let ready = unsafe { libc::poll(polled.as_mut_ptr(), polled.len() as libc::nfds_t, (timeout_ns / 1_000_000) as i32) };
+        let ready = unsafe {
+            libc::poll(
+                polled.as_mut_ptr(),
+                polled.len() as libc::nfds_t,
+                (timeout_ns / 1_000_000) as i32,
+            )
+        };
         if ready < 0 {
             let error = std::io::Error::last_os_error();
-            return if error.kind() == std::io::ErrorKind::Interrupted { Ok(None) } else { Err(error).context("poll") };
+            return if error.kind() == std::io::ErrorKind::Interrupted {
+                Ok(None)
+            } else {
+                Err(error).context("poll")
+            };
         }
         Ok(polled.iter().position(|polled| polled.revents != 0))
     }
@@ -117,7 +140,10 @@ impl Children {
     /// When the operating system does not say.
     pub fn reap(&mut self, index: usize) -> Result<String> {
         let running = &mut self.running[index];
-        let status = running.child.wait().with_context(|| format!("waiting for {}", NAMES[index]))?;
+        let status = running
+            .child
+            .wait()
+            .with_context(|| format!("waiting for {}", NAMES[index]))?;
         running.ended = Some(status);
         Ok(match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with status {code}"),
@@ -133,7 +159,11 @@ impl Children {
 
     /// Sends a signal to those that are still there.
     pub fn signal(&self, signal: libc::c_int) {
-        for running in self.running.iter().filter(|running| running.ended.is_none()) {
+        for running in self
+            .running
+            .iter()
+            .filter(|running| running.ended.is_none())
+        {
             // SAFETY: signals a child that was not reaped yet, so its id is still its own.
             unsafe { libc::kill(running.child.id() as libc::pid_t, signal) };
         }
@@ -150,7 +180,11 @@ impl Children {
 impl Drop for Children {
     fn drop(&mut self) {
         self.signal(libc::SIGKILL);
-        for running in self.running.iter_mut().filter(|running| running.ended.is_none()) {
+        for running in self
+            .running
+            .iter_mut()
+            .filter(|running| running.ended.is_none())
+        {
             let _ = running.child.wait();
         }
     }
@@ -158,15 +192,22 @@ impl Drop for Children {
 
 /// Our own executable, or the program that stands in for it.
 fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command> {
-    let file = arguments.write().with_context(|| format!("arguments of {name}"))?;
+    let file = arguments
+        .write()
+        .with_context(|| format!("arguments of {name}"))?;
     Ok(match plan.exec.get(name) {
         Some(replacement) => {
             let mut command = Command::new("/bin/sh");
-            command.arg("-c").arg(format!("exec {replacement} \"$@\"")).arg(name).arg(file);
+            command
+                .arg("-c")
+                .arg(format!("exec {replacement} \"$@\""))
+                .arg(name)
+                .arg(file);
             command
         }
         None => {
-            let mut command = Command::new(std::env::current_exe().context("finding our own executable")?);
+            let mut command =
+                Command::new(std::env::current_exe().context("finding our own executable")?);
             command.arg("process").arg(file);
             command
         }
@@ -174,7 +215,10 @@ fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command>
 }
 
 /// Hands every line that comes to `show`, from a thread of its own.
-fn forward(source: impl Read + Send + 'static, show: impl Fn(&str) + Send + 'static) -> JoinHandle<()> {
+fn forward(
+    source: impl Read + Send + 'static,
+    show: impl Fn(&str) + Send + 'static,
+) -> JoinHandle<()> {
     std::thread::spawn(move || {
         for line in BufReader::new(source).lines().map_while(Result::ok) {
             show(&line);

@@ -49,7 +49,9 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let free = shared_memory_free();
     if free < SHARED_MEMORY_NEEDED {
         let (free, needed) = (free >> 20, SHARED_MEMORY_NEEDED >> 20);
-        return Err(Failure::refused(anyhow!("/dev/shm has {free} MiB free, a set of processes needs {needed}")));
+        return Err(Failure::refused(anyhow!(
+            "/dev/shm has {free} MiB free, a set of processes needs {needed}"
+        )));
     }
     let lock = InstanceLock::acquire(&default_root(), &plan.instance).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
@@ -59,7 +61,13 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     screen.status(format!("starting {} processes", NAMES.len()));
     let mut tally = Tally::new(&launcher, plan.scene.scene.step_s())?;
     let mut children = Children::start(&plan, &launcher, &screen)?;
-    let run = Run { plan: &plan, launcher: &mut launcher, children: &mut children, screen: &screen, tally: &mut tally };
+    let run = Run {
+        plan: &plan,
+        launcher: &mut launcher,
+        children: &mut children,
+        screen: &screen,
+        tally: &mut tally,
+    };
     let ending = run.to_the_end();
     if ending.is_err() {
         children.end();
@@ -72,7 +80,11 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     if let Some(path) = &plan.summary {
         summary.save(path)?;
     }
-    Ok(if summary.is_success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if summary.is_success() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
 }
 
 /// A run from its start to the end of its last process.
@@ -104,7 +116,9 @@ impl Run<'_> {
     }
 
     fn wait_ready(&mut self) -> Result<()> {
-        let ready = self.launcher.wait_ready(&NAMES, &self.children.descriptors(), now_ns() + READY_NS);
+        let ready =
+            self.launcher
+                .wait_ready(&NAMES, &self.children.descriptors(), now_ns() + READY_NS);
         ready.context("the process set did not start")
     }
 
@@ -112,7 +126,10 @@ impl Run<'_> {
     fn watch(&mut self, ending: &mut Ending, started: u64) -> Result<()> {
         let mut next_status = 0;
         loop {
-            match self.launcher.wait(&self.children.descriptors(), Some(now_ns() + LOOK_NS))? {
+            match self
+                .launcher
+                .wait(&self.children.descriptors(), Some(now_ns() + LOOK_NS))?
+            {
                 LauncherWake::Report => {
                     if self.take_reports(ending)? {
                         return Ok(());
@@ -124,7 +141,9 @@ impl Run<'_> {
                     ending.deaths.insert(NAMES[index].to_owned(), how.clone());
                     self.launcher.clean()?;
                     if index != RECORDER {
-                        ending.ended_early.get_or_insert(format!("{} {how}", NAMES[index]));
+                        ending
+                            .ended_early
+                            .get_or_insert(format!("{} {how}", NAMES[index]));
                         return Ok(());
                     }
                 }
@@ -156,7 +175,9 @@ impl Run<'_> {
                 4 => {
                     let how = format!("failed: {text}");
                     if index != RECORDER {
-                        ending.ended_early.get_or_insert(format!("{} {how}", NAMES[index]));
+                        ending
+                            .ended_early
+                            .get_or_insert(format!("{} {how}", NAMES[index]));
                     }
                     ending.deaths.insert(NAMES[index].to_owned(), how);
                 }
@@ -200,7 +221,10 @@ impl Run<'_> {
         let (steps, episodes) = (self.tally.steps(), &self.tally.episodes);
         let step = episodes.last().map_or(0, |episode| episode.steps);
         let speed = steps as f64 * 1e9 / (now_ns() - started).max(1) as f64;
-        let collisions = episodes.iter().filter(|episode| episode.hit.is_some()).count();
+        let collisions = episodes
+            .iter()
+            .filter(|episode| episode.hit.is_some())
+            .count();
         let said: u64 = episodes.iter().map(|episode| episode.verbal_items).sum();
         let shown: usize = episodes.iter().map(|episode| episode.shown.len()).sum();
         self.screen.status(format!(

@@ -60,8 +60,17 @@ impl Plan {
         let settings = inputs::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
         let self_model = inputs::self_model(arguments.self_model.as_deref())?;
-        let implants = inputs::implants(arguments.implants.as_deref(), human, &driver.driving, &self_model.1)?;
-        let option = |name, path: &Option<PathBuf>| path.as_deref().map(|path| inputs::writable(name, path)).transpose();
+        let implants = inputs::implants(
+            arguments.implants.as_deref(),
+            human,
+            &driver.driving,
+            &self_model.1,
+        )?;
+        let option = |name, path: &Option<PathBuf>| {
+            path.as_deref()
+                .map(|path| inputs::writable(name, path))
+                .transpose()
+        };
         Ok(Self {
             settings,
             human,
@@ -76,7 +85,10 @@ impl Plan {
             },
             record: option("--record", &arguments.record)?,
             summary: option("--summary", &arguments.summary)?,
-            instance: arguments.instance.clone().unwrap_or_else(|| format!("up-{}", std::process::id())),
+            instance: arguments
+                .instance
+                .clone()
+                .unwrap_or_else(|| format!("up-{}", std::process::id())),
             exec: replacements(&arguments.exec)?,
             spin_us: arguments.spin,
             quiet: arguments.quiet,
@@ -90,7 +102,9 @@ impl Plan {
     /// # Errors
     /// When that is not possible.
     pub fn learn(&mut self, run: &RunArguments) -> Result<()> {
-        let ImplantSource::Learn(person) = &self.implants else { return Ok(()) };
+        let ImplantSource::Learn(person) = &self.implants else {
+            return Ok(());
+        };
         let model = &self.self_model.1;
         let implants = learn::at_start(&self.scene.scene, person, self.human, model)?;
         let path = run.directory().join("implants.safetensors");
@@ -105,7 +119,10 @@ impl Plan {
     /// When options cannot be written as JSON.
     pub fn arguments(&self, run: &RunArguments, index: usize) -> Result<RunArguments> {
         let process = NAMES[index];
-        let plain = RunArguments { spin_us: self.spin_us, ..run.for_process(process, index as u32) };
+        let plain = RunArguments {
+            spin_us: self.spin_us,
+            ..run.for_process(process, index as u32)
+        };
         let scene = self.scene.scene.clone();
         let recording = self.scene.recording.clone();
         let with_options = match process {
@@ -122,7 +139,9 @@ impl Plan {
                 person: self.driver.driving.clone(),
                 seed: self.seed,
             }),
-            "belief" => plain.with_options(&belief::Options { model: self.self_model.0.clone() }),
+            "belief" => plain.with_options(&belief::Options {
+                model: self.self_model.0.clone(),
+            }),
             "human" => plain.with_options(&human::Options {
                 kind: self.human,
                 model: self.self_model.0.clone(),
@@ -181,11 +200,21 @@ impl Plan {
 fn replacements(given: &[String]) -> Result<BTreeMap<&'static str, String>> {
     let mut exec = BTreeMap::new();
     for text in given {
-        let (process, command) = text.split_once('=').with_context(|| format!("--exec {text}: expected PROCESS=COMMAND"))?;
+        let (process, command) = text
+            .split_once('=')
+            .with_context(|| format!("--exec {text}: expected PROCESS=COMMAND"))?;
         let known = NAMES.iter().find(|name| **name == process);
-        let name = *known.with_context(|| format!("--exec {text}: no process {process:?}; there are {}", NAMES.join(", ")))?;
+        let name = *known.with_context(|| {
+            format!(
+                "--exec {text}: no process {process:?}; there are {}",
+                NAMES.join(", ")
+            )
+        })?;
         ensure!(!command.trim().is_empty(), "--exec {text}: no command");
-        ensure!(exec.insert(name, command.to_owned()).is_none(), "--exec {text}: {name} is replaced twice");
+        ensure!(
+            exec.insert(name, command.to_owned()).is_none(),
+            "--exec {text}: {name} is replaced twice"
+        );
     }
     Ok(exec)
 }
@@ -197,7 +226,11 @@ fn road_lines(scene: &NamedScene) -> Result<Vec<RoadLine>> {
     let road = match &scene.scene.course {
         Some(course) => &course.road,
         None => {
-            built = scene.scene.road.build().with_context(|| scene.name.clone())?;
+            built = scene
+                .scene
+                .road
+                .build()
+                .with_context(|| scene.name.clone())?;
             &built
         }
     };
@@ -217,7 +250,10 @@ fn road_lines(scene: &NamedScene) -> Result<Vec<RoadLine>> {
                 [x_m, y_m]
             });
             let dashed = side > 0.0 && index + 1 < road.lanes().len();
-            lines.push(RoadLine { points_m: points_m.collect(), dashed });
+            lines.push(RoadLine {
+                points_m: points_m.collect(),
+                dashed,
+            });
         }
     }
     Ok(lines)

@@ -32,7 +32,13 @@ impl Percentiles {
     /// From nanoseconds, in this order.
     pub fn from_ns(ns: [u64; 5]) -> Self {
         let [p50, p90, p99, p999, max] = ns.map(|ns| ns as f64 / 1000.0);
-        Self { p50, p90, p99, p999, max }
+        Self {
+            p50,
+            p90,
+            p99,
+            p999,
+            max,
+        }
     }
 }
 
@@ -126,7 +132,10 @@ pub struct Ending {
 impl Summary {
     /// Puts it together.
     pub fn new(plan: &Plan, tally: &Tally, ending: Ending) -> Self {
-        let done = tally.episodes.iter().filter(|episode| episode.end != "running");
+        let done = tally
+            .episodes
+            .iter()
+            .filter(|episode| episode.end != "running");
         let rewards: Vec<f64> = done.clone().map(|episode| episode.reward).collect();
         let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
         let mut summary = Self {
@@ -144,7 +153,10 @@ impl Summary {
             reward_mean: rewards.iter().sum::<f64>() / rewards.len().max(1) as f64,
             visual_items: sum(|episode| episode.visual_items),
             verbal_items: sum(|episode| episode.verbal_items),
-            communication_cost: tally.episodes.iter().fold(0.0, |sum, episode| sum + episode.communication_cost),
+            communication_cost: tally
+                .episodes
+                .iter()
+                .fold(0.0, |sum, episode| sum + episode.communication_cost),
             missed_deadlines: 0,
             lost_messages: BTreeMap::new(),
             restarts: 0,
@@ -153,8 +165,14 @@ impl Summary {
             compute_us: BTreeMap::new(),
             allocations: BTreeMap::new(),
             latency_us: BTreeMap::from([
-                ("sensing_to_decision".to_owned(), Percentiles::from_ns(tally.sensing_to_decision.summary_ns())),
-                ("sensing_to_display".to_owned(), Percentiles::from_ns(tally.sensing_to_display.summary_ns())),
+                (
+                    "sensing_to_decision".to_owned(),
+                    Percentiles::from_ns(tally.sensing_to_decision.summary_ns()),
+                ),
+                (
+                    "sensing_to_display".to_owned(),
+                    Percentiles::from_ns(tally.sensing_to_display.summary_ns()),
+                ),
             ]),
             processes: BTreeMap::new(),
             recording: ending.recording,
@@ -168,7 +186,10 @@ impl Summary {
             *summary.lost_messages.entry(topic.to_owned()).or_default() += lost;
         }
         if plan.clock == ClockMode::Lockstep && summary.completed {
-            summary.digest = summary.recording.as_ref().map(|recording| recording.digest.clone());
+            summary.digest = summary
+                .recording
+                .as_ref()
+                .map(|recording| recording.digest.clone());
         }
         summary
     }
@@ -180,13 +201,17 @@ impl Summary {
             None if finished => "finished".to_owned(),
             None => "was ended".to_owned(),
         };
-        let mut process = ProcessSummary { end, ..ProcessSummary::default() };
+        let mut process = ProcessSummary {
+            end,
+            ..ProcessSummary::default()
+        };
         if let Some(report) = report {
             process.steps = report.steps;
             process.missed_deadlines = report.missed_deadlines;
             process.allocations = report.allocations;
             self.missed_deadlines += report.missed_deadlines;
-            self.compute_us.insert(name.to_owned(), Percentiles::from_ns(report.compute_ns));
+            self.compute_us
+                .insert(name.to_owned(), Percentiles::from_ns(report.compute_ns));
             self.allocations.insert(name.to_owned(), report.allocations);
             for port in report.ports.iter().take(report.port_count as usize) {
                 *self.lost_messages.entry(text_of(&port.topic)).or_default() += port.lost;
@@ -197,7 +222,10 @@ impl Summary {
 
     /// Whether all went as asked.
     pub fn is_success(&self) -> bool {
-        let recorded = self.recording.as_ref().is_none_or(|recording| recording.complete);
+        let recorded = self
+            .recording
+            .as_ref()
+            .is_none_or(|recording| recording.complete);
         self.completed && self.ended_early.is_none() && self.deaths.is_empty() && recorded
     }
 
@@ -220,28 +248,60 @@ impl Summary {
     }
 
     fn write_episodes(&self, out: &mut String) {
-        let _ = writeln!(out, "\nepisode  steps  end          reward  highlights  utterances");
+        let _ = writeln!(
+            out,
+            "\nepisode  steps  end          reward  highlights  utterances"
+        );
         for episode in &self.episode_list {
-            let Episode { episode: number, steps, end, reward, said, shown, .. } = episode;
+            let Episode {
+                episode: number,
+                steps,
+                end,
+                reward,
+                said,
+                shown,
+                ..
+            } = episode;
             let (highlights, utterances) = (shown.len(), said.len());
-            let _ = writeln!(out, "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {highlights:>10}  {utterances:>10}");
+            let _ = writeln!(
+                out,
+                "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {highlights:>10}  {utterances:>10}"
+            );
             for said in said {
                 let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
             }
             for sector in SECTOR_NAMES {
-                let mut of_sector = shown.iter().filter(|shown| shown.sector == sector).peekable();
+                let mut of_sector = shown
+                    .iter()
+                    .filter(|shown| shown.sector == sector)
+                    .peekable();
                 if let Some(first) = of_sector.peek() {
                     let from_s = first.time_s;
                     let lit_s = of_sector.fold(0.0, |sum, shown| sum + shown.duration_s);
-                    let _ = writeln!(out, "         {from_s:>6.2} s  highlighted {sector}, for {lit_s:.1} s in all");
+                    let _ = writeln!(
+                        out,
+                        "         {from_s:>6.2} s  highlighted {sector}, for {lit_s:.1} s in all"
+                    );
                 }
             }
         }
     }
 
     fn write_totals(&self, out: &mut String) {
-        let Self { scene, human, planner, driver, seed, episodes, steps, .. } = self;
-        let _ = writeln!(out, "\nscene {scene} · driver {driver} · human model {human} · planner {planner} · seed {seed}");
+        let Self {
+            scene,
+            human,
+            planner,
+            driver,
+            seed,
+            episodes,
+            steps,
+            ..
+        } = self;
+        let _ = writeln!(
+            out,
+            "\nscene {scene} · driver {driver} · human model {human} · planner {planner} · seed {seed}"
+        );
         let _ = writeln!(
             out,
             "{episodes} episodes, {steps} steps in {:.1} s ({:.0} steps/s) · {} with a collision · mean reward {:.1}",
@@ -253,9 +313,17 @@ impl Summary {
         let _ = writeln!(
             out,
             "highlighted sectors × steps {} · utterances {} · cost {:.1} · missed deadlines {} · restarts {}",
-            self.visual_items, self.verbal_items, self.communication_cost, self.missed_deadlines, self.restarts,
+            self.visual_items,
+            self.verbal_items,
+            self.communication_cost,
+            self.missed_deadlines,
+            self.restarts,
         );
-        let lost: Vec<_> = self.lost_messages.iter().filter(|(_, lost)| **lost > 0).collect();
+        let lost: Vec<_> = self
+            .lost_messages
+            .iter()
+            .filter(|(_, lost)| **lost > 0)
+            .collect();
         if lost.is_empty() {
             let _ = writeln!(out, "no message lost");
         }
@@ -268,7 +336,11 @@ impl Summary {
         if let Some(recording) = &self.recording
             && let Some(file) = &recording.file
         {
-            let word = if recording.complete { "complete" } else { "INCOMPLETE" };
+            let word = if recording.complete {
+                "complete"
+            } else {
+                "INCOMPLETE"
+            };
             let _ = writeln!(out, "recording {} ({word})", file.display());
         }
         for (process, how) in &self.deaths {
@@ -280,14 +352,28 @@ impl Summary {
     }
 
     fn write_processes(&self, out: &mut String) {
-        let _ = writeln!(out, "\ncompute time per step (µs)     p50       p90       p99     p99.9       max   allocations");
+        let _ = writeln!(
+            out,
+            "\ncompute time per step (µs)     p50       p90       p99     p99.9       max   allocations"
+        );
         for name in NAMES {
-            let (Some(times), Some(process)) = (self.compute_us.get(name), self.processes.get(name)) else {
+            let (Some(times), Some(process)) =
+                (self.compute_us.get(name), self.processes.get(name))
+            else {
                 continue;
             };
-            let Percentiles { p50, p90, p99, p999, max } = times;
+            let Percentiles {
+                p50,
+                p90,
+                p99,
+                p999,
+                max,
+            } = times;
             let allocations = process.allocations;
-            let _ = writeln!(out, "  {name:<20}{p50:>12.1}{p90:>10.1}{p99:>10.1}{p999:>10.1}{max:>10.1}{allocations:>14}");
+            let _ = writeln!(
+                out,
+                "  {name:<20}{p50:>12.1}{p90:>10.1}{p99:>10.1}{p999:>10.1}{max:>10.1}{allocations:>14}"
+            );
         }
     }
 }

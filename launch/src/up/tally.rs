@@ -96,13 +96,23 @@ impl Tally {
     /// When a port fails.
     pub fn update(&mut self) -> Result<()> {
         while let Some(decision) = self.decision.next()? {
-            self.sensing_to_decision.record(decision.header.sent_ns.saturating_sub(decision.header.cause_ns));
+            self.sensing_to_decision.record(
+                decision
+                    .header
+                    .sent_ns
+                    .saturating_sub(decision.header.cause_ns),
+            );
             let episode = entry(&mut self.episodes, decision.header.episode);
             episode.communication_cost += f64::from(decision.cost);
             episode.decided = (decision.header.step, f64::from(decision.cost));
         }
         while let Some(display) = self.display.next()? {
-            self.sensing_to_display.record(display.header.sent_ns.saturating_sub(display.header.cause_ns));
+            self.sensing_to_display.record(
+                display
+                    .header
+                    .sent_ns
+                    .saturating_sub(display.header.cause_ns),
+            );
             entry(&mut self.episodes, display.header.episode).show(display, self.step_s);
         }
         while let Some(outcome) = self.outcome.next()? {
@@ -122,7 +132,10 @@ impl Tally {
 
     /// Control steps of all episodes.
     pub fn steps(&self) -> u64 {
-        self.episodes.iter().map(|episode| u64::from(episode.steps)).sum()
+        self.episodes
+            .iter()
+            .map(|episode| u64::from(episode.steps))
+            .sum()
     }
 
     /// Ends the count: what was decided for a step that never came cost nothing.
@@ -139,7 +152,11 @@ impl Tally {
 fn entry(episodes: &mut Vec<Episode>, number: u32) -> &mut Episode {
     while episodes.len() <= number as usize {
         let episode = episodes.len() as u32;
-        episodes.push(Episode { episode, end: "running", ..Episode::default() });
+        episodes.push(Episode {
+            episode,
+            end: "running",
+            ..Episode::default()
+        });
     }
     &mut episodes[number as usize]
 }
@@ -168,15 +185,30 @@ impl Episode {
             }
             self.visual_items += 1;
             let place = *self.lit[sector].get_or_insert_with(|| {
-                self.shown.push(Shown { time_s, duration_s: 0.0, sector: name });
+                self.shown.push(Shown {
+                    time_s,
+                    duration_s: 0.0,
+                    sector: name,
+                });
                 self.shown.len() - 1
             });
             self.shown[place].duration_s = time_s + step_s - self.shown[place].time_s;
         }
-        for utterance in display.utterances.iter().take(display.utterance_count as usize) {
+        for utterance in display
+            .utterances
+            .iter()
+            .take(display.utterance_count as usize)
+        {
             self.verbal_items += 1;
-            let sector = SECTOR_NAMES.get(utterance.sector as usize).copied().unwrap_or("?");
-            self.said.push(Said { time_s, sector, text: text_of(&utterance.text) });
+            let sector = SECTOR_NAMES
+                .get(utterance.sector as usize)
+                .copied()
+                .unwrap_or("?");
+            self.said.push(Said {
+                time_s,
+                sector,
+                text: text_of(&utterance.text),
+            });
         }
     }
 }

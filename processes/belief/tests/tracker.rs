@@ -89,7 +89,11 @@ fn an_episode_starts_anew_even_in_its_middle() {
         belief
     };
     let mut tracker = Tracker::new(model());
-    tracker.observe(&frame(&mut rng, 0, 7), [0.0; 2], &mut RobotBelief::ZERO);
+    tracker.observe(
+        &frame(&mut rng, 0, 7),
+        [0.0; 2],
+        &mut RobotBelief::default(),
+    );
     let first = observe(&mut tracker);
     assert_eq!(first, observe(&mut Tracker::new(model())));
     assert_ne!(
@@ -112,7 +116,7 @@ fn it_allocates_nothing_once_it_is_warm() {
             tracker.observe(
                 &frame(&mut rng, round, step),
                 [0.1; 2],
-                &mut RobotBelief::ZERO,
+                &mut RobotBelief::default(),
             );
         }
     }

@@ -36,7 +36,14 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
     let mut driver = Driver::new(options)?;
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let mut ports = Ports {
-        lidar: node.input(topic::LIDAR, if lockstep { Receive::InOrder } else { Receive::Newest })?,
+        lidar: node.input(
+            topic::LIDAR,
+            if lockstep {
+                Receive::InOrder
+            } else {
+                Receive::Newest
+            },
+        )?,
         display: node.input(topic::DISPLAY, Receive::InOrder)?,
         action: node.output(topic::DRIVER_ACTION)?,
     };
@@ -47,14 +54,22 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
     let mut episode = None;
     while node.wait(&mut [&mut ports.lidar], None)? != Wake::Stop {
         ports.lidar.take()?;
-        let Some(frame) = ports.lidar.message() else { continue };
+        let Some(frame) = ports.lidar.message() else {
+            continue;
+        };
         let stamp = Stamp::of(&frame.header);
         if episode.replace(stamp.episode) != Some(stamp.episode) {
             driver.reset(stamp.episode);
         }
         let wake = match patience_ns {
             None => node.wait_step(&mut [&mut ports.display], stamp.episode, stamp.step, None)?,
-            Some(patience) => look(node, &mut ports.display, &mut driver, stamp, now_ns() + patience)?,
+            Some(patience) => look(
+                node,
+                &mut ports.display,
+                &mut driver,
+                stamp,
+                now_ns() + patience,
+            )?,
         };
         if wake == Wake::Stop {
             break;
@@ -63,7 +78,9 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
             driver.see(display);
         }
         let [throttle, steer] = driver.act(frame);
-        ports.action.send_with(stamp, |action| (action.throttle, action.steer) = (throttle, steer))?;
+        ports.action.send_with(stamp, |action| {
+            (action.throttle, action.steer) = (throttle, steer)
+        })?;
         node.end_step();
     }
     Ok(())

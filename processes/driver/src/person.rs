@@ -3,7 +3,9 @@
 use anyhow::{Context, Result};
 use domains::commonroad::Scenario;
 use domains::highway::speech::Heard;
-use domains::highway::{self, Cockpit, Person, Scene, Shown, SimulatedDriver, UtteranceKind, World};
+use domains::highway::{
+    self, Cockpit, Person, Scene, Shown, SimulatedDriver, UtteranceKind, World,
+};
 use messages::{Display, LidarFrame, SECTORS};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -80,7 +82,9 @@ impl Driver {
                 Who::Simulated(SimulatedDriver::new(person, &options.scene.fog(), cockpit))
             }
             Driving::Recorded(car) => {
-                world.recorded_action().with_context(|| format!("no recorded car {car} to drive as"))?;
+                world
+                    .recorded_action()
+                    .with_context(|| format!("no recorded car {car} to drive as"))?;
                 Who::Recorded(world)
             }
         };
@@ -105,12 +109,20 @@ impl Driver {
     pub fn see(&mut self, display: &Display) {
         self.shown.highlighted = display.highlighted;
         self.shown.highlighted_objects = display.objects;
-        for utterance in display.utterances.iter().take(display.utterance_count as usize) {
+        for utterance in display
+            .utterances
+            .iter()
+            .take(display.utterance_count as usize)
+        {
             let kind = UtteranceKind::from_number(utterance.kind);
             let sector = utterance.sector as usize;
             if let (Some(kind), true) = (kind, sector < SECTORS) {
                 let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
-                self.shown.utterances[sector] = Some(Heard { kind, range_m, speed_mps });
+                self.shown.utterances[sector] = Some(Heard {
+                    kind,
+                    range_m,
+                    speed_mps,
+                });
             }
         }
     }

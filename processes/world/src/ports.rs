@@ -3,8 +3,13 @@
 use anyhow::Result;
 use domains::highway::traffic::CarState;
 use domains::highway::{self, End, World};
-use messages::{CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, topic};
-use runtime::{ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns};
+use messages::{
+    CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene,
+    topic,
+};
+use runtime::{
+    ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns,
+};
 
 /// How often the world looks for messages that do not wake it.
 const LOOK_NS: u64 = 200_000;
@@ -33,7 +38,10 @@ impl Ports {
             ClockMode::RealTime => Receive::Newest,
         };
         // Looked at once a step; without a bell, nobody has to ring it a thousand times a second.
-        let asleep = InputOptions { wakes: false, ..InputOptions::new(Receive::Newest) };
+        let asleep = InputOptions {
+            wakes: false,
+            ..InputOptions::new(Receive::Newest)
+        };
         Ok(Self {
             lidar: node.output(topic::LIDAR)?,
             scene: node.output(topic::SCENE)?,
@@ -50,33 +58,49 @@ impl Ports {
     pub fn keep_together(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
         self.decision.take()?;
         self.human.take()?;
-        let Some(oldest) = step.checked_sub(MOST_BEHIND) else { return Ok(Wake::Message) };
+        let Some(oldest) = step.checked_sub(MOST_BEHIND) else {
+            return Ok(Wake::Message);
+        };
         let seen = |header: &messages::Header| (header.episode, header.step) >= (episode, oldest);
         if self.human.header().is_some_and(seen) {
             return Ok(Wake::Message);
         }
-        look_until(|deadline| node.wait_step(&mut [&mut self.human], episode, oldest, Some(deadline)))
+        look_until(|deadline| {
+            node.wait_step(&mut [&mut self.human], episode, oldest, Some(deadline))
+        })
     }
 
     /// Waits for the human model's belief of the last step and the planner's decision after it.
     pub fn await_last(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
-        let Self { human, decision, .. } = self;
-        match look_until(|deadline| node.wait_step(&mut [decision], episode, step, Some(deadline)))? {
+        let Self {
+            human, decision, ..
+        } = self;
+        match look_until(|deadline| node.wait_step(&mut [decision], episode, step, Some(deadline)))?
+        {
             Wake::Stop => Ok(Wake::Stop),
-            _ => look_until(|deadline| node.wait_step(&mut [human], episode, step - 1, Some(deadline))),
+            _ => look_until(|deadline| {
+                node.wait_step(&mut [human], episode, step - 1, Some(deadline))
+            }),
         }
     }
 
     /// The action that the driver sent last.
     pub fn action(&self) -> [f32; 2] {
-        self.action.message().map_or([0.0; 2], |action| [action.throttle, action.steer])
+        self.action
+            .message()
+            .map_or([0.0; 2], |action| [action.throttle, action.steer])
     }
 
     /// The newest action of this episode, and the step that it was decided at.
     pub fn newest_action(&mut self, episode: u32) -> Result<Option<(u32, [f32; 2])>> {
         self.action.take()?;
-        let header = self.action.header().filter(|header| header.episode == episode);
-        Ok(header.map(|header| header.step).map(|step| (step, self.action())))
+        let header = self
+            .action
+            .header()
+            .filter(|header| header.episode == episode);
+        Ok(header
+            .map(|header| header.step)
+            .map(|step| (step, self.action())))
     }
 
     /// Sends what is true and what is sensed at a step; the frame last, because it is what sets everybody to work.
@@ -88,9 +112,11 @@ impl Ports {
         step: u32,
     ) -> Result<()> {
         let stamp = Stamp::sensed(episode, step);
-        self.outcome.send_with(stamp, |message| write_outcome(outcome, message))?;
+        self.outcome
+            .send_with(stamp, |message| write_outcome(outcome, message))?;
         let by_distance = &mut self.by_distance;
-        self.scene.send_with(stamp, |message| write_scene(world, by_distance, message))?;
+        self.scene
+            .send_with(stamp, |message| write_scene(world, by_distance, message))?;
         if outcome.end == End::Running {
             self.lidar.send_with(stamp, |message| {
                 let sensed = world.observation();
@@ -146,7 +172,12 @@ fn write_scene(world: &World, by_distance: &mut Vec<(f64, usize)>, message: &mut
         kind: 0,
     };
     by_distance.clear();
-    for (index, car) in world.objects().iter().enumerate().filter(|(_, car)| car.present) {
+    for (index, car) in world
+        .objects()
+        .iter()
+        .enumerate()
+        .filter(|(_, car)| car.present)
+    {
         let squared = (car.x_m - ego.pose.x_m).powi(2) + (car.y_m - ego.pose.y_m).powi(2);
         by_distance.push((squared, index));
     }

@@ -97,7 +97,10 @@ impl Settings {
         if self.horizon > 64 || self.hold > 64 || self.iterations > 1000 {
             return Some("horizon and hold may be at most 64, iterations 1000".into());
         }
-        if self.samples < 2 * GROUPS || self.samples > GROUPS * 512 || self.samples % GROUPS != 0 {
+        if self.samples < 2 * GROUPS
+            || self.samples > GROUPS * 512
+            || !self.samples.is_multiple_of(GROUPS)
+        {
             return Some(format!(
                 "samples must be an even number from {} to {}, not {}",
                 2 * GROUPS,

@@ -4,7 +4,7 @@
 //! ```text
 //! y      = r_{t+1} + γ (1 − end) (min_i Q'_i(z_{t+1}, a') − α log π(a' | z_{t+1})),   a' ~ π(· | z_{t+1})
 //! L_Q    = ½ Σ_i (Q_i(z_t, a_t) − y)²
-//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) − β log N(u_expert | μ(z_t), σ²(z_t)),   a = tanh(u) ~ π
+//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) − κ β log N(u_expert | μ(z_t), σ²(z_t)),   a = tanh(u) ~ π
 //! L_α    = −α (log π(a | z_t) + target)
 //! Q'_i  ← (1 − τ) Q'_i + τ Q_i
 //! ```
@@ -202,13 +202,13 @@ pub fn critic_loss(tape: &mut Tape, model: &SelfModel, shard: &Transitions, y: &
     tape.add(first, second)
 }
 
-/// L_π of a shard, and the mean of log π(a | z) for the temperature.
+/// L_π of a shard with weights (1 − β, κ β), and the mean of log π(a | z) for the temperature.
 pub fn actor_loss(
     tape: &mut Tape,
     model: &SelfModel,
     shard: &Transitions,
     temperature: f32,
-    imitation: f32,
+    [reinforcement, imitation]: [f32; 2],
 ) -> (Var, Var) {
     let actions = shard.action.rows();
     let z = tape.input(&shard.z);
@@ -227,7 +227,7 @@ pub fn actor_loss(
     let entropy = tape.scale(log_density, temperature);
     let soft = tape.sub(entropy, q);
     let soft = tape.mean(soft);
-    let soft = tape.scale(soft, 1.0 - imitation);
+    let soft = tape.scale(soft, reinforcement);
 
     let expert = tape.input_with(actions, shard.expert.cols(), |out| {
         for (u, a) in out.iter_mut().zip(shard.expert.data()) {

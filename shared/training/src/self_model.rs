@@ -44,6 +44,13 @@ pub struct Settings {
     pub imitation: f32,
     /// Its factor per episode (the paper's).
     pub imitation_decay: f32,
+    /// The actor's share of imitation falls no lower than this, while the expert's share of the driving goes on falling. With
+    /// the paper's schedule alone, the few hundred episodes that a training of minutes has end with a policy that keeps
+    /// its lane but has not yet found that changing it pays.
+    pub imitation_floor: f32,
+    /// Factor on the imitation term against the soft actor-critic's, whose values are about ten times as large as a
+    /// log-likelihood.
+    pub imitation_scale: f32,
     /// Random actions at the start.
     pub explore: f32,
     /// Their factor per episode.
@@ -65,6 +72,8 @@ impl Default for Settings {
             replay: 100_000,
             imitation: 1.0,
             imitation_decay: 0.995,
+            imitation_floor: 0.5,
+            imitation_scale: 10.0,
             explore: 0.5,
             explore_decay: 0.9,
             keep: 0.35,
@@ -92,13 +101,19 @@ impl Settings {
             ));
         }
         let positive = |x: f32| x.is_finite() && x > 0.0;
-        if !positive(self.learning_rate) || !positive(self.gradient_clip) {
-            return Some("learning_rate and gradient_clip must be positive".to_owned());
+        if !positive(self.learning_rate)
+            || !positive(self.gradient_clip)
+            || !positive(self.imitation_scale)
+        {
+            return Some(
+                "learning_rate, gradient_clip and imitation_scale must be positive".to_owned(),
+            );
         }
         let unit = |x: f32| (0.0..=1.0).contains(&x);
         let shares = [
             self.imitation,
             self.imitation_decay,
+            self.imitation_floor,
             self.explore,
             self.explore_decay,
             self.keep,
@@ -301,7 +316,8 @@ impl Trainer {
             {
                 break;
             }
-            let losses = self.gradient_step(imitation, &mut rng);
+            let losses =
+                self.gradient_step(imitation.max(self.settings.imitation_floor), &mut rng);
             sums.accumulate(losses);
             done += 1;
         }
@@ -334,6 +350,7 @@ impl Trainer {
             noise::fill(worker.transitions.next_noise.data_mut(), rng.random(), 0);
         }
         let (model, targets, parts, settings) = (&self.model, &self.targets, &self.parts, self.sac);
+        let weights = [1.0 - imitation, self.settings.imitation_scale * imitation];
         let mut losses = Losses::default();
         std::thread::scope(|scope| {
             let jobs: Vec<_> = self
@@ -342,15 +359,7 @@ impl Trainer {
                 .zip(&self.batch.shards)
                 .map(|(worker, shard)| {
                     scope.spawn(move || {
-                        worker.step(
-                            model,
-                            targets,
-                            parts,
-                            shard,
-                            settings,
-                            temperature,
-                            imitation,
-                        )
+                        worker.step(model, targets, parts, shard, settings, temperature, weights)
                     })
                 })
                 .collect();
@@ -388,6 +397,11 @@ impl Trainer {
         let mean = *first / (1.0 - 0.9_f32.powf(*steps));
         let square = *second / (1.0 - 0.999_f32.powf(*steps));
         self.log_temperature -= self.settings.learning_rate * mean / (square.sqrt() + 1e-8);
+        // Imitation narrows the policy below the entropy that α aims at. Left alone, α would grow until entropy outweighed
+        // everything else; so it may only fall.
+        self.log_temperature = self
+            .log_temperature
+            .min(self.sac.initial_temperature.ln());
     }
 
     /// The policy's mode over `episodes` episodes that training never saw: mean reward and collision rate.
@@ -447,7 +461,7 @@ impl Worker {
         shard: &crate::batches::Shard,
         settings: sac::Settings,
         temperature: f32,
-        imitation: f32,
+        weights: [f32; 2],
     ) -> Losses {
         self.gradients.zero();
         let mut losses = Losses::default();
@@ -473,7 +487,7 @@ impl Worker {
         }
         let mut tape = Tape::new(&model.parameters, &mut self.arena);
         let (loss, log_density) =
-            sac::actor_loss(&mut tape, model, &self.transitions, temperature, imitation);
+            sac::actor_loss(&mut tape, model, &self.transitions, temperature, weights);
         losses.actor = tape.scalar(loss);
         losses.log_density = tape.scalar(log_density);
         tape.backward(loss, &mut self.gradients, &|id| parts.actor.contains(&id));
