@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, assert_nothing_left, instance, run, summary, told};
+use common::{Bench, assert_nothing_left, instance, mirror, run, summary, told};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -109,4 +109,73 @@ fn the_real_time_clock_runs_to_the_end_too() {
     assert_eq!(summary["digest"], serde_json::Value::Null);
     assert!(summary["missed_deadlines"].as_u64().is_some());
     assert_nothing_left(&name);
+}
+
+/// A scene in which planning takes moments, and an episode ends soon.
+const QUICK: &str = "name = \"quick\"
+[fog]
+front_m = 13.0
+side_m = 8.0
+rear_m = 3.0
+[planning]
+horizon = 2
+samples = 24
+elites = 6
+iterations = 2
+[episode]
+max_steps = 60
+";
+
+#[test]
+fn planned_runs_are_deterministic_and_allocate_nothing() {
+    let bench = Bench::new();
+    let scene = bench.write("quick.toml", QUICK);
+    let up = |name: &str, seed: &str| {
+        let file = bench.path(&format!("{name}.json"));
+        let mut command = mirror();
+        command.args([
+            "up",
+            "--human",
+            "mirror",
+            "--planner",
+            "ce",
+            "--episodes",
+            "2",
+            "--quiet",
+        ]);
+        command.args(["--instance", &instance(name), "--seed", seed]);
+        command
+            .arg("--self-model")
+            .arg(bench.path("self.safetensors"));
+        command
+            .arg("--scene")
+            .arg(&scene)
+            .arg("--summary")
+            .arg(&file);
+        // What the human model learned of the person is given, so that it is not learned anew in every run.
+        command
+            .arg("--implants")
+            .arg(bench.path("implants.safetensors"));
+        (command, file)
+    };
+    bench.write_implants();
+    let (mut first, first_file) = up("planned-1", "3");
+    let (mut second, second_file) = up("planned-2", "3");
+    on_one_core(&mut second);
+    for command in [&mut first, &mut second] {
+        let output = run(command);
+        assert!(output.status.success(), "{}", told(&output));
+    }
+    let [first, second] = [first_file, second_file].map(|file| summary(&file));
+    assert_eq!(first["digest"].as_str().unwrap().len(), 64);
+    assert_eq!(first["digest"], second["digest"]);
+    assert_eq!(first["episode_list"], second["episode_list"]);
+    assert_eq!(first["planner"], "ce");
+    assert_eq!(first["human"], "mirror");
+    for process in ["world", "driver", "belief", "human", "planner"] {
+        assert_eq!(first["allocations"][process], 0, "{process}");
+    }
+    for name in ["planned-1", "planned-2"] {
+        assert_nothing_left(&instance(name));
+    }
 }

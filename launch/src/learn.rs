@@ -85,7 +85,7 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
         Ok((out, kind, model, Demonstrations::load(&arguments.demos)?))
     };
     let (out, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
-    let progress = Progress::new("learning", Settings::default().iterations as u64);
+    let progress = Progress::new("learning", (Settings::default().iterations * Settings::default().starts_m.len()) as u64);
     let settings = Settings {
         seed: arguments.seed,
         ..Settings::default()

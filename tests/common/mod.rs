@@ -33,6 +33,16 @@ impl Bench {
         Self { directory }
     }
 
+    /// Implants that learned nothing either.
+    pub fn write_implants(&self) {
+        let model = models::checkpoint::load_self_model(&self.path("self.safetensors")).unwrap();
+        let sizes = model.sizes;
+        let rng = &mut ChaCha8Rng::seed_from_u64(2);
+        let implants = models::Implants::new(sizes.latent, sizes.shape.action, true, rng);
+        let path = self.path("implants.safetensors");
+        models::checkpoint::save_implants(&path, &implants, &model, "tests").unwrap();
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.directory.path().join(name)
     }

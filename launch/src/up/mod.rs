@@ -68,7 +68,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
         screen: &screen,
         tally: &mut tally,
     };
-    let ending = run.to_the_end();
+    let ending = run.complete();
     if ending.is_err() {
         children.end();
     }
@@ -97,7 +97,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn to_the_end(mut self) -> Result<Ending> {
+    fn complete(mut self) -> Result<Ending> {
         let mut ending = Ending::default();
         self.wait_ready()?;
         self.launcher.start()?;

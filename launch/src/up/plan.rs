@@ -166,7 +166,6 @@ impl Plan {
                 step_s: scene.step_s() as f32,
                 speech_interval_s: scene.communication.speech_interval_s as f32,
                 print: !self.quiet,
-                ..renderer::Options::default()
             }),
             "recorder" => plain.with_options(&recorder::Options {
                 record: self.record.clone(),

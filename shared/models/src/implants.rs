@@ -88,6 +88,13 @@ impl Implants {
         }
     }
 
+    /// Sets every threshold, in metres between 0 and [`MAX_THRESHOLD_M`].
+    pub fn set_thresholds_m(&mut self, threshold_m: f32) {
+        let unit = (threshold_m / MAX_THRESHOLD_M).clamp(1e-3, 1.0 - 1e-3);
+        let raw = (unit / (1.0 - unit)).ln();
+        self.parameters.get_mut(self.thresholds).fill(raw);
+    }
+
     /// Whether there is a policy implant.
     pub fn has_policy(&self) -> bool {
         self.policy.is_some()

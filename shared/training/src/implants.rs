@@ -39,8 +39,9 @@ pub struct Settings {
     /// Prior: standard deviation of the difference between the thresholds of neighbouring azimuths, in metres. Sight
     /// changes little from one direction to the next, and many azimuths never meet a car in a few rounds.
     pub smoothness_m: f32,
-    /// How many moments one independent moment stands for: control steps 0.15 s apart tell much the same.
-    pub correlated_steps: f32,
+    /// Learning starts from each of these thresholds, in metres, and the best fit is kept: the loss has many valleys, since
+    /// a threshold that no car ever crosses feels no slope.
+    pub starts_m: [f32; 3],
     /// Steps at a window's start that only build up the belief.
     pub warm_up: usize,
     /// Seed of the residual's first weights and of the noise.
@@ -58,7 +59,7 @@ impl Default for Settings {
             weights: [0.1, 1.0],
             residual_penalty: 2.0,
             smoothness_m: 3.0,
-            correlated_steps: 10.0,
+            starts_m: [5.0, 15.0, 30.0],
             warm_up: 5,
             seed: 0,
         }
@@ -96,6 +97,15 @@ pub struct Learned {
     pub losses: Vec<f32>,
     /// Names of the self-model's parameters that changed by a single bit on the tape's side: none, or there is a bug.
     pub frozen_moved: Vec<String>,
+}
+
+impl Learned {
+    /// Mean loss of the last tenth of the iterations, which differ only in the noise of z.
+    pub fn last_loss(&self) -> f32 {
+        let n = self.losses.len();
+        let last = &self.losses[n - (n / 10).max(1).min(n)..];
+        last.iter().sum::<f32>() / last.len().max(1) as f32
+    }
 }
 
 /// One shard's windows, all of equal length: `features × windows` per step.
@@ -189,9 +199,41 @@ pub fn learn(
         Kind::MirrorP => false,
         Kind::Myself => return Err(ImplantError::NoImplants(kind.name())),
     };
+    let mut best: Option<Learned> = None;
+    for (i, &start_m) in settings.starts_m.iter().enumerate() {
+        let done = i * settings.iterations;
+        let learned = learn_from(
+            model,
+            with_policy,
+            start_m,
+            demonstrations,
+            settings,
+            &mut |iteration, loss| progress(done + iteration, loss),
+        )?;
+        if best
+            .as_ref()
+            .is_none_or(|best| learned.last_loss() < best.last_loss())
+        {
+            best = Some(learned);
+        }
+    }
+    // `starts_m` is an array with at least one start.
+    Ok(best.expect("there is a start"))
+}
+
+/// One start of [`learn`].
+fn learn_from(
+    model: &SelfModel,
+    with_policy: bool,
+    start_m: f32,
+    demonstrations: &Demonstrations,
+    settings: &Settings,
+    progress: &mut dyn FnMut(usize, f32),
+) -> Result<Learned, ImplantError> {
     let latent = model.sizes.latent;
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut implants = Implants::new(latent, model.sizes.shape.action, with_policy, &mut rng);
+    implants.set_thresholds_m(start_m);
     let mut parameters = model.parameters.clone();
     let attached = implants.attach(&mut parameters);
     let mut shards = windows(demonstrations, settings, latent)?;
@@ -310,7 +352,7 @@ pub fn negative_log_likelihood(
 }
 
 /// −λ log p(χ) of the thresholds, on the scale of the mean over `moments`:
-/// Σ_a (τ_a − τ_{a+1})² / 2 s², divided by the number of independent moments.
+/// Σ_a (τ_a − τ_{a+1})² / 2 s², divided by their number.
 pub fn negative_log_prior(
     tape: &mut Tape,
     attached: &Attached,
@@ -324,9 +366,8 @@ pub fn negative_log_prior(
     let difference = tape.sub(limits, next);
     let squared = tape.square(difference);
     let sum = tape.sum(squared);
-    let independent = moments as f32 / settings.correlated_steps;
     let variance = settings.smoothness_m * settings.smoothness_m;
-    tape.scale(sum, 0.5 / (variance * independent.max(1.0)))
+    tape.scale(sum, 0.5 / (variance * moments.max(1) as f32))
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.

@@ -4,7 +4,7 @@
 //! ```text
 //! y      = r_{t+1} + γ (1 − end) (min_i Q'_i(z_{t+1}, a') − α log π(a' | z_{t+1})),   a' ~ π(· | z_{t+1})
 //! L_Q    = ½ Σ_i (Q_i(z_t, a_t) − y)²
-//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) − κ β log N(u_expert | μ(z_t), σ²(z_t)),   a = tanh(u) ~ π
+//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) + β |μ(z_t) − u_expert|² / 2 s²,   a = tanh(u) ~ π
 //! L_α    = −α (log π(a | z_t) + target)
 //! Q'_i  ← (1 − τ) Q'_i + τ Q_i
 //! ```
@@ -202,7 +202,7 @@ pub fn critic_loss(tape: &mut Tape, model: &SelfModel, shard: &Transitions, y: &
     tape.add(first, second)
 }
 
-/// L_π of a shard with weights (1 − β, κ β), and the mean of log π(a | z) for the temperature.
+/// L_π of a shard with weights (1 − β, β / 2 s²), and the mean of log π(a | z) for the temperature.
 pub fn actor_loss(
     tape: &mut Tape,
     model: &SelfModel,
@@ -234,9 +234,11 @@ pub fn actor_loss(
             *u = unsquash(*a);
         }
     });
-    let likelihood = tape.gaussian_log_density(expert, mean, deviation);
-    let likelihood = tape.mean(likelihood);
-    let imitated = tape.scale(likelihood, -imitation);
+    let difference = tape.sub(mean, expert);
+    let squared = tape.square(difference);
+    let squared = tape.sum_rows(squared);
+    let squared = tape.mean(squared);
+    let imitated = tape.scale(squared, imitation);
     let mean_log_density = tape.mean(log_density);
     (tape.add(soft, imitated), mean_log_density)
 }

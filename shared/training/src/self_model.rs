@@ -48,9 +48,9 @@ pub struct Settings {
     /// the paper's schedule alone, the few hundred episodes that a training of minutes has end with a policy that keeps
     /// its lane but has not yet found that changing it pays.
     pub imitation_floor: f32,
-    /// Factor on the imitation term against the soft actor-critic's, whose values are about ten times as large as a
-    /// log-likelihood.
-    pub imitation_scale: f32,
+    /// s: deviation of the expert's action, before tanh, in the imitation term. Fixed: with the policy's own deviation, a
+    /// likelihood that sharpens on the many moments of cruising explodes on the few in which the expert taps the brake.
+    pub imitation_deviation: f32,
     /// Random actions at the start.
     pub explore: f32,
     /// Their factor per episode.
@@ -63,7 +63,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             seed: 0,
-            episodes: 300,
+            episodes: 400,
             gradient_steps: 100,
             sequences: 75,
             length: 8,
@@ -73,7 +73,7 @@ impl Default for Settings {
             imitation: 1.0,
             imitation_decay: 0.995,
             imitation_floor: 0.5,
-            imitation_scale: 10.0,
+            imitation_deviation: 0.3,
             explore: 0.5,
             explore_decay: 0.9,
             keep: 0.35,
@@ -103,10 +103,10 @@ impl Settings {
         let positive = |x: f32| x.is_finite() && x > 0.0;
         if !positive(self.learning_rate)
             || !positive(self.gradient_clip)
-            || !positive(self.imitation_scale)
+            || !positive(self.imitation_deviation)
         {
             return Some(
-                "learning_rate, gradient_clip and imitation_scale must be positive".to_owned(),
+                "learning_rate, gradient_clip and imitation_deviation must be positive".to_owned(),
             );
         }
         let unit = |x: f32| (0.0..=1.0).contains(&x);
@@ -350,7 +350,8 @@ impl Trainer {
             noise::fill(worker.transitions.next_noise.data_mut(), rng.random(), 0);
         }
         let (model, targets, parts, settings) = (&self.model, &self.targets, &self.parts, self.sac);
-        let weights = [1.0 - imitation, self.settings.imitation_scale * imitation];
+        let deviation = self.settings.imitation_deviation;
+        let weights = [1.0 - imitation, 0.5 * imitation / (deviation * deviation)];
         let mut losses = Losses::default();
         std::thread::scope(|scope| {
             let jobs: Vec<_> = self
