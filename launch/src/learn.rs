@@ -85,7 +85,10 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
         Ok((out, kind, model, Demonstrations::load(&arguments.demos)?))
     };
     let (out, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
-    let progress = Progress::new("learning", (Settings::default().iterations * Settings::default().starts_m.len()) as u64);
+    let progress = Progress::new(
+        "learning",
+        (Settings::default().iterations * Settings::default().starts_m.len()) as u64,
+    );
     let settings = Settings {
         seed: arguments.seed,
         ..Settings::default()
@@ -134,7 +137,7 @@ pub fn at_start(scene: &Scene, person: &Person, kind: Kind, model: &SelfModel) -
         "learning what person {} sees and does from {ROUNDS} rounds",
         person.id
     );
-    let progress = Progress::new(&text, settings.iterations as u64);
+    let progress = Progress::new(&text, iterations(&settings));
     let learned = learn(
         model,
         kind,
@@ -146,6 +149,11 @@ pub fn at_start(scene: &Scene, person: &Person, kind: Kind, model: &SelfModel) -
     );
     progress.finish();
     Ok(learned.context("learning the human model")?.implants)
+}
+
+/// Steps of learning, from all the starts that are tried.
+fn iterations(settings: &Settings) -> u64 {
+    (settings.iterations * settings.starts_m.len()) as u64
 }
 
 /// Writes implants where the processes of a run find them.

@@ -116,7 +116,14 @@ impl Progress {
     }
 }
 
-/// Tells the user why a command failed.
+/// Tells the user why a command failed. Some errors repeat their causes' words in their own; those are not said twice.
 pub fn error(failure: &Failure) {
-    let _ = writeln!(io::stderr().lock(), "mirror: {:#}", failure.error);
+    let mut text = String::from("mirror");
+    for cause in failure.error.chain().map(|cause| cause.to_string()) {
+        if !text.contains(&cause) {
+            text += ": ";
+            text += &cause;
+        }
+    }
+    let _ = writeln!(io::stderr().lock(), "{text}");
 }

@@ -2,6 +2,7 @@
 //! car, and when the next sentence may start.
 
 use domains::highway::Observation;
+use domains::highway::display::most_wanted;
 use domains::highway::speech::{self, SECTOR_AZIMUTHS, displayable};
 use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance};
 
@@ -82,7 +83,7 @@ impl Renderer {
                 self.heard_step.replace(decision.header.step) != Some(decision.header.step);
             if is_new
                 && step >= self.ready_step
-                && let Some(sector) = most_wanted(decision)
+                && let Some(sector) = most_wanted(decision.verbal, &decision.verbal_probability)
             {
                 display.utterances[0] = self.utterance(frame, sector);
                 display.utterance_count = 1;
@@ -131,19 +132,6 @@ fn highlight(frame: &LidarFrame, visual: u32, display: &mut Display) {
             }
         }
     }
-}
-
-/// Of the sectors to speak about, the one whose verbal probability is highest; of equals, the first.
-fn most_wanted(decision: &CommAction) -> Option<usize> {
-    let wanted = (0..SECTORS).filter(|sector| decision.verbal >> sector & 1 == 1);
-    let probability = |sector: usize| decision.verbal_probability[sector];
-    wanted.reduce(|best, sector| {
-        if probability(sector) > probability(best) {
-            sector
-        } else {
-            best
-        }
-    })
 }
 
 #[cfg(test)]

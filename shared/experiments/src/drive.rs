@@ -5,7 +5,9 @@ use crate::statistics::{Interval, over_people, share};
 use crate::table::Table;
 use anyhow::Context;
 use domains::highway::display::Presenter;
-use domains::highway::{Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World, speech};
+use domains::highway::{
+    Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World, speech,
+};
 use models::observation::{PER_SECTOR, SECTORS};
 use models::utterances::{Said, UtteranceTable};
 use models::{Communicated, Implants, Kind, SelfHuman, SelfModel};
@@ -161,7 +163,11 @@ pub fn run(
         for person in 1..=study.people {
             for seed in study.seed..study.seed + seeds {
                 let missing = Case::ALL.into_iter().any(|case| {
-                    !table.has(&format!("{},{person},{seed},{}", condition.name(), case.number()))
+                    !table.has(&format!(
+                        "{},{person},{seed},{}",
+                        condition.name(),
+                        case.number()
+                    ))
                 });
                 if missing {
                     jobs.push((condition, person, seed));
@@ -247,7 +253,13 @@ impl Rider {
                 let model = model.context("a planner needs a self-model")?;
                 let implants = match kind {
                     Kind::Myself => None,
-                    kind => Some(learn_implants(&mut world, &mut driver, model, kind, study.rounds)?),
+                    kind => Some(learn_implants(
+                        &mut world,
+                        &mut driver,
+                        model,
+                        kind,
+                        study.rounds,
+                    )?),
                 };
                 let human = Box::new(SelfHuman::new(model.clone(), implants));
                 Some(Assistant::new(model.clone(), human, study.settings))
@@ -309,9 +321,9 @@ impl Rider {
         match self.condition {
             Condition::Clear | Condition::Silent => Shown::default(),
             Condition::Everything => {
-                let mut shown =
-                    self.presenter
-                        .present(step, 0x3f, 0, &[0.0; SECTORS], observation);
+                let mut shown = self
+                    .presenter
+                    .present(step, 0x3f, 0, &[0.0; SECTORS], observation);
                 shown.utterances = speech::utterances(observation).map(Some);
                 shown
             }
@@ -404,7 +416,6 @@ pub fn hear(table: &UtteranceTable, shown: &Shown, verbal: &mut [f32]) {
         }
     }
 }
-
 
 fn summarise(condition: Condition, rows: &[Vec<String>], step_s: f64) -> ConditionSummary {
     let number = |row: &[String], column: usize| row[column].parse::<f64>().unwrap_or(f64::NAN);

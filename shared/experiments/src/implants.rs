@@ -168,13 +168,14 @@ pub fn draw(reports: &[Report], out: &Path) -> anyhow::Result<()> {
     let png = out.join("implants.png");
     {
         let root = SVGBackend::new(&svg, size).into_drawing_area();
-        draw_on(&root, reports, rows, columns)
+        draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", svg.display()))?;
+        root.present()
             .map_err(|e| anyhow!("{}: {e}", svg.display()))?;
-        root.present().map_err(|e| anyhow!("{}: {e}", svg.display()))?;
     }
     let root = BitMapBackend::new(&png, size).into_drawing_area();
     draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", png.display()))?;
-    root.present().map_err(|e| anyhow!("{}: {e}", png.display()))
+    root.present()
+        .map_err(|e| anyhow!("{}: {e}", png.display()))
 }
 
 /// Bitmaps need a font of their own: the machine may have none.
@@ -209,11 +210,7 @@ where
         for a in &report.azimuths {
             let middle = a.azimuth as f64 * 10.0;
             let reach = f64::from(a.learned_m.min(RANGE_M));
-            let wedge = vec![
-                (0.0, 0.0),
-                at(middle - 4.0, reach),
-                at(middle + 4.0, reach),
-            ];
+            let wedge = vec![(0.0, 0.0), at(middle - 4.0, reach), at(middle + 4.0, reach)];
             let colour = if a.present() {
                 RGBColor(200, 40, 40).mix(0.75)
             } else {

@@ -79,8 +79,8 @@ impl Table {
     /// # Errors
     /// If the file cannot be read or written.
     pub fn finish(self) -> anyhow::Result<Vec<Vec<String>>> {
-        let text = std::fs::read_to_string(&self.path)
-            .with_context(|| self.path.display().to_string())?;
+        let text =
+            std::fs::read_to_string(&self.path).with_context(|| self.path.display().to_string())?;
         let mut lines = text.lines();
         let header = lines.next().unwrap_or_default().to_owned();
         let mut rows: Vec<&str> = lines.collect();

@@ -280,7 +280,8 @@ message! {
         pub action: [f32; ACTIONS],
         /// Communicated sectors of each person: visual in bits 0–5, verbal in bits 8–13.
         pub communicated: [u32; MAX_GROUP],
-        /// Imagined LIDAR modality x̂, a person after the other.
+        /// Imagined visual modality x̂, a person after the other, as models see it: 108 × nearness (1 − range/40 m), then the
+        /// ego values times 60, 2, 2, 2, 60.
         pub lidar: [[f32; BEAMS + EGO_VALUES]; MAX_GROUP],
         /// Imagined verbal modality x̂, a person after the other.
         pub verbal: [[f32; VERBAL]; MAX_GROUP],

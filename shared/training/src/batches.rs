@@ -150,8 +150,7 @@ fn kept(dropout: Dropout, rng: &mut ChaCha8Rng) -> f32 {
 
 /// Limits of sight: a distance per sector, from almost nothing to beyond the LIDAR's range.
 pub fn limits_m(rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
-    let sectors: [f32; SECTORS] =
-        core::array::from_fn(|_| rng.random_range(1.0..MAX_THRESHOLD_M));
+    let sectors: [f32; SECTORS] = core::array::from_fn(|_| rng.random_range(1.0..MAX_THRESHOLD_M));
     core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
 }
 

@@ -9,9 +9,7 @@
 
 use crate::SHARDS;
 use crate::demonstrations::Demonstrations;
-use models::implants::{
-    Attached, Implants, perceive_on_tape, policy_on_tape, thresholds_on_tape,
-};
+use models::implants::{Attached, Implants, perceive_on_tape, policy_on_tape, thresholds_on_tape};
 use models::policy::unsquash;
 use models::{Kind, SelfModel};
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};

@@ -192,7 +192,7 @@ impl Replay {
 
     /// The inverse of [`Self::to_bytes`]; none if the length is no whole number of steps or above the capacity.
     pub fn from_bytes(bytes: &[u8], capacity: usize) -> Option<Self> {
-        if bytes.len() % Step::BYTES != 0 || bytes.len() / Step::BYTES > capacity {
+        if !bytes.len().is_multiple_of(Step::BYTES) || bytes.len() / Step::BYTES > capacity {
             return None;
         }
         let steps: Vec<Step> = bytes.chunks_exact(Step::BYTES).map(Step::read).collect();

@@ -118,9 +118,8 @@ impl Settings {
             self.explore_decay,
             self.keep,
         ];
-        (!shares.into_iter().all(unit)).then(|| {
-            "imitation, explore, their decays and keep must lie in [0, 1]".to_owned()
-        })
+        (!shares.into_iter().all(unit))
+            .then(|| "imitation, explore, their decays and keep must lie in [0, 1]".to_owned())
     }
 }
 
@@ -316,8 +315,7 @@ impl Trainer {
             {
                 break;
             }
-            let losses =
-                self.gradient_step(imitation.max(self.settings.imitation_floor), &mut rng);
+            let losses = self.gradient_step(imitation.max(self.settings.imitation_floor), &mut rng);
             sums.accumulate(losses);
             done += 1;
         }
@@ -400,9 +398,7 @@ impl Trainer {
         self.log_temperature -= self.settings.learning_rate * mean / (square.sqrt() + 1e-8);
         // Imitation narrows the policy below the entropy that α aims at. Left alone, α would grow until entropy outweighed
         // everything else; so it may only fall.
-        self.log_temperature = self
-            .log_temperature
-            .min(self.sac.initial_temperature.ln());
+        self.log_temperature = self.log_temperature.min(self.sac.initial_temperature.ln());
     }
 
     /// The policy's mode over `episodes` episodes that training never saw: mean reward and collision rate.

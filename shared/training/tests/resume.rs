@@ -51,7 +51,10 @@ fn resumed_is_the_same_as_never_stopped() {
     second.episode();
     second.episode();
     assert_ne!(bits(&whole.model.parameters), start);
-    assert_eq!(bits(&whole.model.parameters), bits(&second.model.parameters));
+    assert_eq!(
+        bits(&whole.model.parameters),
+        bits(&second.model.parameters)
+    );
     let other = folder.path().join("whole.safetensors");
     whole.save(&other, "test").unwrap();
     second.save(&path, "test").unwrap();
@@ -80,8 +83,7 @@ fn learning_implants_moves_nothing_else() {
     let model = trainer().model;
     let before = bits(&model.parameters);
     let person = Person::builtin(1).unwrap();
-    let demonstrations =
-        training::demonstrations::record_in(scene(), &person, 1, 0, 1).unwrap();
+    let demonstrations = training::demonstrations::record_in(scene(), &person, 1, 0, 1).unwrap();
     let settings = training::implants::Settings {
         iterations: 2,
         ..Default::default()
@@ -90,7 +92,11 @@ fn learning_implants_moves_nothing_else() {
         training::implants::learn(&model, Kind::Mirror, &demonstrations, &settings, |_, _| {})
             .unwrap();
     assert_eq!(before, bits(&model.parameters));
-    assert!(learned.frozen_moved.is_empty(), "{:?}", learned.frozen_moved);
+    assert!(
+        learned.frozen_moved.is_empty(),
+        "{:?}",
+        learned.frozen_moved
+    );
     let fresh = Implants::new(
         model.sizes.latent,
         2,
@@ -116,6 +122,8 @@ fn demonstrations_survive_a_file() {
     assert_eq!(rounds, back);
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() - 10]).unwrap();
-    let error = training::demonstrations::Demonstrations::load(&path).err().unwrap();
+    let error = training::demonstrations::Demonstrations::load(&path)
+        .err()
+        .unwrap();
     assert!(error.to_string().contains("rounds.safetensors"));
 }
