@@ -50,7 +50,7 @@ impl Sender {
     }
 
     /// Sends all steps; the digest of what was sent.
-    fn run(mut self) -> anyhow::Result<String> {
+    fn run(&mut self) -> anyhow::Result<String> {
         self.node.ready()?;
         for step in 0..STEPS {
             let digest = &mut self.digest;
@@ -100,7 +100,15 @@ fn record(
         ..Options::default()
     };
     let recorder = std::thread::spawn(move || recorder::run(&ours, &options));
-    let sender = std::thread::spawn(move || Sender::join(&theirs)?.run());
+    // The sender's ports stay until the recorder is done: one that is gone before a busy machine let the recorder look
+    // for the first time was never there.
+    let (release, held) = std::sync::mpsc::channel::<()>();
+    let sender = std::thread::spawn(move || {
+        let mut sender = Sender::join(&theirs)?;
+        let digest = sender.run()?;
+        let _ = held.recv();
+        anyhow::Ok(digest)
+    });
     let deadline = now_ns() + 60_000_000_000;
     launcher.wait_ready(&["recorder", "sender"], &[], deadline)?;
     launcher.start()?;
@@ -108,6 +116,7 @@ fn record(
     launcher.stop()?;
     let report = finished(&mut launcher, "recorder", deadline)?;
     recorder.join().expect("the recorder does not panic")?;
+    drop(release);
     let sent = sender.join().expect("the sender does not panic")?;
     let reported = report
         .digest
