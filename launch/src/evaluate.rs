@@ -95,12 +95,18 @@ pub fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failu
     let settings = training::implants::Settings::default();
     let transfer = arguments.setting == Setting::Transfer;
     let mut reports = Vec::new();
-    println!("person   seconds   error where cars were (m)   error everywhere (m)");
+    println!(
+        "person   seconds   error where cars were (m)   of the middle (m)   error where cars crossed the limit (m)   azimuths"
+    );
     for person in 1..=arguments.people {
         let report = implants::report(&model, person, arguments.rounds, transfer, &settings)?;
         println!(
-            "{person:>6}   {:>7.1}   {:>25.2}   {:>20.2}",
-            report.seconds, report.error_present_m, report.error_m
+            "{person:>6}   {:>7.1}   {:>25.2}   {:>17.2}   {:>38.2}   {:>8}",
+            report.seconds,
+            report.error_present_m,
+            report.error_of_middle_m,
+            report.error_crossed_m,
+            report.crossed
         );
         reports.push(report);
     }

@@ -28,10 +28,15 @@ pub struct Azimuth {
 }
 
 impl Azimuth {
-    /// Whether the demonstrations can tell anything about this azimuth: cars were there at both sides of the true
-    /// limit, or the limit lies at the LIDAR's range.
+    /// Whether a car was ever there in the demonstrations.
     pub fn present(&self) -> bool {
         self.moments > 0
+    }
+
+    /// Whether the demonstrations can tell the limit from both sides: cars were there within it and beyond it. Elsewhere
+    /// they can at best bound it.
+    pub fn crossed(&self) -> bool {
+        self.seen > 0 && self.seen < self.moments
     }
 
     /// Distance between learned and true.
@@ -55,6 +60,10 @@ pub struct Report {
     pub error_present_m: f32,
     /// Over all azimuths.
     pub error_m: f32,
+    /// Where cars were on both sides of the true limit.
+    pub error_crossed_m: f32,
+    /// How many azimuths that were.
+    pub crossed: usize,
     /// What always guessing the middle, 20 m, would give where cars were present.
     pub error_of_middle_m: f32,
     /// Per azimuth.
@@ -126,6 +135,13 @@ pub fn report(
         ],
         error_present_m: mean(&mut present.iter().map(|a| a.error_m())),
         error_m: mean(&mut azimuths.iter().map(Azimuth::error_m)),
+        error_crossed_m: mean(
+            &mut azimuths
+                .iter()
+                .filter(|a| a.crossed())
+                .map(Azimuth::error_m),
+        ),
+        crossed: azimuths.iter().filter(|a| a.crossed()).count(),
         error_of_middle_m: mean(
             &mut present
                 .iter()
@@ -155,7 +171,7 @@ pub fn write_csv(reports: &[Report], out: &Path) -> anyhow::Result<()> {
 }
 
 /// Draws some people's implants seen from above, front up: the true limits as an outline, the learned ones as bars,
-/// pale where no car was present in the demonstrations. Writes `implants.svg` and `implants.png`.
+/// pale where the demonstrations had no cars on both sides of the limit and so cannot tell it. Writes `implants.svg` and `implants.png`.
 ///
 /// # Errors
 /// If a file cannot be written.
@@ -211,7 +227,7 @@ where
             let middle = a.azimuth as f64 * 10.0;
             let reach = f64::from(a.learned_m.min(RANGE_M));
             let wedge = vec![(0.0, 0.0), at(middle - 4.0, reach), at(middle + 4.0, reach)];
-            let colour = if a.present() {
+            let colour = if a.crossed() {
                 RGBColor(200, 40, 40).mix(0.75)
             } else {
                 RGBColor(160, 160, 160).mix(0.35)
