@@ -1,27 +1,36 @@
-//! Killing any process of a set: the run ends, or goes on, as `mirror up`'s table says; nothing stays behind.
+//! Killing, stopping or spoiling any process of a set: the run goes on as the table in `launch/src/up/supervise.rs`
+//! says; nothing stays behind.
 
 mod common;
 
 use common::{Bench, Live, assert_nothing_left, instance, run, summary, told};
+use serde_json::Value;
 
-/// Kills `process` in a running set and returns the summary.
-fn killed(process: &str, after: impl FnOnce(&mut Live)) -> serde_json::Value {
+/// Episodes of a run that is disturbed at its beginning.
+const EPISODES: u64 = 40;
+
+/// Disturbs a running set and returns the exit status, and the summary.
+fn disturbed(
+    test: &str,
+    options: &[&str],
+    disturb: impl FnOnce(&Bench, &mut Live),
+) -> (Option<i32>, Value) {
     let bench = Bench::new();
-    let name = instance(process);
+    let name = instance(test);
     let file = bench.path("summary.json");
     let mut command = bench.up(&name);
     command
-        .args(["--episodes", "1000000", "--summary"])
+        .args(["--episodes", &EPISODES.to_string()])
+        .args(options)
+        .arg("--summary")
         .arg(&file);
     let mut live = Live::start(&mut command, &name);
-    live.signal(process, libc::SIGKILL);
-    after(&mut live);
+    disturb(&bench, &mut live);
     let status = live.wait();
-    assert_eq!(status.code(), Some(1), "{process}");
     live.assert_all_ended();
     assert_nothing_left(&name);
-    next_run_works(&bench, &name);
-    summary(&file)
+    next_run_works(&Bench::new(), &name);
+    (status.code(), summary(&file))
 }
 
 fn next_run_works(bench: &Bench, name: &str) {
@@ -30,69 +39,162 @@ fn next_run_works(bench: &Bench, name: &str) {
     assert_nothing_left(name);
 }
 
-fn ends_the_run(process: &str) {
-    let summary = killed(process, |_| {});
+/// Kills `process`: another takes its place, and the run is driven to its end.
+fn is_replaced(process: &str) -> Value {
+    let (status, summary) = disturbed(process, &[], |_, live| {
+        live.signal(process, libc::SIGKILL);
+    });
+    let deaths = summary["deaths"].as_array().unwrap();
+    assert_eq!(deaths.len(), 1, "{deaths:?}");
+    assert_eq!(deaths[0]["process"], process);
+    assert!(deaths[0]["how"].as_str().unwrap().contains("signal 9"));
+    assert!(deaths[0]["back_after_ms"].as_f64().unwrap() > 0.0);
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["hangs"], 0);
+    assert_eq!(summary["completed"], true);
+    assert_eq!(summary["ended_early"], Value::Null);
+    assert_eq!(summary["digest"], Value::Null, "a disturbed run has none");
+    assert_eq!(status, Some(0));
+    summary
+}
+
+#[test]
+fn the_world_begins_another_episode() {
+    let summary = is_replaced("world");
+    assert_eq!(summary["void_episodes"], 1);
+    assert_eq!(summary["episodes"], EPISODES - 1);
+}
+
+/// Everybody else loses no episode, and no step of one.
+fn no_step_is_lost(process: &str) {
+    let summary = is_replaced(process);
+    assert_eq!(summary["void_episodes"], 0);
+    assert_eq!(summary["episodes"], EPISODES);
+    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
+        assert_eq!(lost, 0, "{topic}");
+    }
+}
+
+#[test]
+fn another_driver_takes_the_wheel() {
+    no_step_is_lost("driver");
+}
+
+#[test]
+fn another_belief_goes_on() {
+    no_step_is_lost("belief");
+}
+
+#[test]
+fn another_human_model_goes_on() {
+    no_step_is_lost("human");
+}
+
+#[test]
+fn another_planner_goes_on() {
+    no_step_is_lost("planner");
+}
+
+#[test]
+fn another_renderer_goes_on() {
+    no_step_is_lost("renderer");
+}
+
+#[test]
+fn another_recorder_goes_on() {
+    no_step_is_lost("recorder");
+}
+
+#[test]
+fn a_plan_begins_again_when_the_human_model_dies_in_the_middle_of_it() {
+    let bench = Bench::new();
+    bench.write_implants();
+    let name = instance("midplan");
+    let file = bench.path("summary.json");
+    let mut command = common::mirror();
+    command
+        .args([
+            "up",
+            "--planner",
+            "ce",
+            "--human",
+            "mirror",
+            "--episodes",
+            "1",
+        ])
+        .args(["--instance", &name, "--self-model"])
+        .arg(bench.path("self.safetensors"))
+        .arg("--implants")
+        .arg(bench.path("implants.safetensors"))
+        .arg("--scene")
+        .arg(bench.write("small.toml", SMALL_PLANS))
+        .arg("--summary")
+        .arg(&file);
+    let mut live = Live::start(&mut command, &name);
+    live.signal("human", libc::SIGKILL);
+    assert_eq!(live.wait().code(), Some(0));
+    live.assert_all_ended();
+    assert_nothing_left(&name);
+    let summary = summary(&file);
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["completed"], true);
+}
+
+/// The scene that ships, with plans that take a few milliseconds.
+const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+
+#[test]
+fn a_stopped_process_is_replaced() {
+    let (status, summary) = disturbed("stopped", &[], |_, live| {
+        live.signal("human", libc::SIGSTOP);
+    });
+    assert_eq!(summary["hangs"], 1);
+    assert_eq!(summary["restarts"], 1);
+    let how = summary["deaths"][0]["how"].as_str().unwrap();
+    assert!(how.contains("had not answered"), "{how}");
+    assert_eq!(summary["episodes"], EPISODES);
+    assert_eq!(status, Some(0));
+}
+
+#[test]
+fn without_restarts_a_death_ends_the_run() {
+    let (status, summary) = disturbed("once", &["--restarts", "0"], |_, live| {
+        live.signal("belief", libc::SIGKILL);
+    });
     let reason = summary["ended_early"].as_str().unwrap();
     assert!(
-        reason.contains(process) && reason.contains("signal 9"),
+        reason.contains("belief") && reason.contains("signal 9"),
         "{reason}"
     );
-    assert!(
-        summary["deaths"][process]
-            .as_str()
-            .unwrap()
-            .contains("signal 9")
-    );
     assert_eq!(summary["completed"], false);
-    assert_eq!(summary["digest"], serde_json::Value::Null);
+    assert_eq!(summary["restarts"], 0);
+    assert_eq!(status, Some(1));
 }
 
 #[test]
-fn world_ends_the_run() {
-    ends_the_run("world");
-}
-
-#[test]
-fn driver_ends_the_run() {
-    ends_the_run("driver");
-}
-
-#[test]
-fn belief_ends_the_run() {
-    ends_the_run("belief");
-}
-
-#[test]
-fn human_ends_the_run() {
-    ends_the_run("human");
-}
-
-#[test]
-fn planner_ends_the_run() {
-    ends_the_run("planner");
-}
-
-#[test]
-fn renderer_ends_the_run() {
-    ends_the_run("renderer");
-}
-
-#[test]
-fn recorder_leaves_the_run_going_and_interrupt_ends_it() {
-    let summary = killed("recorder", |live| {
-        live.wait_for_line("START");
-        live.wait_for_line("START");
-        live.signal("launcher", libc::SIGINT);
+fn a_model_that_became_garbage_ends_the_run_in_words() {
+    let (status, summary) = disturbed("garbage", &["--restarts", "3"], |bench, live| {
+        bench.write("self.safetensors", [0x55; 4096]);
+        live.signal("belief", libc::SIGKILL);
     });
-    assert_eq!(summary["ended_early"], "interrupted");
-    assert!(
-        summary["deaths"]["recorder"]
-            .as_str()
-            .unwrap()
-            .contains("signal 9")
-    );
-    assert_eq!(summary["recording"], serde_json::Value::Null);
-    assert!(summary["episodes"].as_u64().unwrap() >= 2);
+    let deaths = summary["deaths"].as_array().unwrap();
+    assert_eq!(deaths.len(), 4, "{deaths:?}");
+    let reason = summary["ended_early"].as_str().unwrap();
+    for part in ["belief", "self.safetensors", "3 restarts in a row"] {
+        assert!(reason.contains(part), "{reason}");
+    }
+    assert_eq!(status, Some(1));
+}
+
+#[test]
+fn two_sets_do_not_meet() {
+    let (bench, other) = (Bench::new(), instance("beside"));
+    let mut beside = Live::start(bench.up(&other).args(["--episodes", "1000000"]), &other);
+    let summary = is_replaced("planner");
+    assert_eq!(summary["episodes"], EPISODES);
+    beside.signal("launcher", libc::SIGINT);
+    assert_eq!(beside.wait().code(), Some(1), "interrupted");
+    assert_nothing_left(&other);
 }
 
 #[test]

@@ -30,6 +30,8 @@ pub enum Command {
     /// Repeat the paper's studies with simulated people
     #[command(subcommand)]
     Evaluate(Evaluate),
+    /// Replace a process of a running set: the new one takes over at a step border
+    Swap(SwapArguments),
     /// Show what is running, what a dead run left, and whether this machine's limits suffice
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
@@ -93,6 +95,9 @@ pub struct UpArguments {
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
     pub spin: u32,
+    /// How often in a row a process that died is started again before the run ends; 0 ends it with the first death
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub restarts: u32,
     /// Print no events, only the summary
     #[arg(long)]
     pub quiet: bool,
@@ -132,6 +137,28 @@ pub struct DoctorArguments {
     /// Remove what dead runs left
     #[arg(long)]
     pub clean: bool,
+}
+
+/// Options of `mirror swap`.
+#[derive(Args, Debug)]
+pub struct SwapArguments {
+    /// The process to replace: world, driver, belief, human, planner, renderer or recorder
+    pub process: String,
+    /// What to replace it by: a kind of human model or planner, a driver (sim:ID), or `same` for another of the same kind
+    #[arg(required_unless_present = "exec")]
+    pub kind: Option<String>,
+    /// The running set [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Replace it by another program; it gets the path of its arguments (a JSON file) as its last argument
+    #[arg(long, value_name = "COMMAND")]
+    pub exec: Option<String>,
+    /// What the new human model learned of this person [default: learned now]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub implants: Option<PathBuf>,
+    /// Write the report to this file
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
 }
 
 /// Options of `mirror process`.

@@ -1,6 +1,8 @@
 //! What users name on the command line (scenes, people, models), resolved and checked before anything starts.
 
-use anyhow::{Context, Result, bail, ensure};
+use crate::cli::PlannerKind;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::ValueEnum;
 use domains::commonroad::Scenario;
 use domains::highway::{Person, Scene};
 use driver::Driving;
@@ -9,7 +11,7 @@ use planning::Settings;
 use std::path::{Path, PathBuf};
 
 /// A scene, and where it came from.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct NamedScene {
     /// The scene, with the fog that was asked for.
     pub scene: Scene,
@@ -20,6 +22,7 @@ pub struct NamedScene {
 }
 
 /// Who drives.
+#[derive(Clone)]
 pub struct NamedDriver {
     /// As the driver process wants it.
     pub driving: Driving,
@@ -112,6 +115,23 @@ pub fn human(option: &str, text: &str) -> Result<Kind> {
         format!(
             "{option} {text}: there is no such human model; there are {}",
             kinds()
+        )
+    })
+}
+
+/// The way to decide of that name.
+///
+/// # Errors
+/// Lists the ways that there are.
+pub fn planner(text: &str) -> Result<PlannerKind> {
+    PlannerKind::from_str(text, false).map_err(|_| {
+        let kinds: Vec<_> = PlannerKind::value_variants()
+            .iter()
+            .map(|kind| kind.name())
+            .collect();
+        anyhow!(
+            "there is no planner {text:?}; there are {}",
+            kinds.join(", ")
         )
     })
 }

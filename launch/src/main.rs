@@ -8,6 +8,7 @@ mod inputs;
 mod learn;
 mod process;
 mod screen;
+mod swap;
 mod train_self;
 mod up;
 
@@ -21,6 +22,7 @@ static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Up(arguments) => up::up(&arguments),
+        Command::Swap(arguments) => swap::swap(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),

@@ -13,6 +13,7 @@ pub const NAMES: [&str; 7] = [
 /// Runs a process until its run ends.
 pub fn process(arguments: &ProcessArguments) -> Result<ExitCode, Failure> {
     let run = RunArguments::read(&arguments.run).map_err(Failure::refused)?;
+    runtime::name_thread(&format!("mirror:{}", run.process));
     match run.process.as_str() {
         "world" => world::run(&run, &run.options().map_err(Failure::refused)?)?,
         "driver" => driver::run(&run, &run.options().map_err(Failure::refused)?)?,

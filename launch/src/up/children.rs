@@ -4,99 +4,210 @@ use super::plan::Plan;
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Context, Result};
-use runtime::{Launcher, RunArguments, process_descriptor};
+use runtime::{Launcher, RunArguments, now_ns, process_descriptor};
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child as OsChild, Command, Stdio};
 use std::thread::JoinHandle;
 
-/// A started process.
-struct Running {
-    child: Child,
-    descriptor: OwnedFd,
-    ended: Option<ExitStatus>,
+/// What a process is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// It reads its models and makes its ports.
+    Starting,
+    /// It reads what its predecessor reads, and is silent.
+    StandingBy,
+    /// It does its part.
+    Speaking,
+    /// It has handed over, or is to end.
+    Leaving,
 }
 
-/// All processes of a run, in launch order. Dropped, it leaves none alive.
+/// A living process.
+pub struct Child {
+    /// Place in [`NAMES`]: what it does.
+    pub place: usize,
+    /// Its number in messages: no two processes of a run have the same.
+    pub index: u32,
+    /// What it is doing.
+    pub phase: Phase,
+    /// When it was last heard of.
+    pub heard_ns: u64,
+    /// What it said of its failure, or the launcher of why it is ended.
+    pub why: Option<String>,
+    child: OsChild,
+    descriptor: OwnedFd,
+}
+
+impl Child {
+    /// Process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: libc::c_int) {
+        // SAFETY: signals a child that was not reaped yet, so its id is still its own.
+        unsafe { libc::kill(self.child.id() as libc::pid_t, signal) };
+    }
+}
+
+/// A process that has ended.
+pub struct Ended {
+    /// As in [`Child`].
+    pub place: usize,
+    /// As in [`Child`].
+    pub index: u32,
+    /// What it did last.
+    pub phase: Phase,
+    /// How and, where that is known, why.
+    pub how: String,
+}
+
+/// All living processes of a run. Dropped, it leaves none alive.
 pub struct Children {
-    running: Vec<Running>,
+    living: Vec<Child>,
+    next: u32,
     readers: Vec<JoinHandle<()>>,
 }
 
 impl Children {
-    /// Starts them all, in launch order, from this thread: their lives are tied to it.
+    /// Nobody yet.
+    pub fn new() -> Self {
+        Self {
+            living: Vec::new(),
+            next: 0,
+            readers: Vec::new(),
+        }
+    }
+
+    /// Starts every process once, in launch order.
     ///
     /// # Errors
-    /// When one cannot be started; those that were are ended.
-    pub fn start(plan: &Plan, launcher: &Launcher, screen: &Screen) -> Result<Self> {
-        let mut children = Self {
-            running: Vec::new(),
-            readers: Vec::new(),
+    /// When one cannot be started.
+    pub fn start_all(&mut self, plan: &Plan, launcher: &Launcher, screen: &Screen) -> Result<()> {
+        for place in 0..NAMES.len() {
+            self.start(plan, launcher, screen, place, false)?;
+        }
+        Ok(())
+    }
+
+    /// Starts a process, from this thread: its life is tied to it. Returns its number.
+    ///
+    /// # Errors
+    /// When it cannot be started.
+    pub fn start(
+        &mut self,
+        plan: &Plan,
+        launcher: &Launcher,
+        screen: &Screen,
+        place: usize,
+        standby: bool,
+    ) -> Result<u32> {
+        let name = NAMES[place];
+        let index = self.next;
+        let arguments = RunArguments {
+            index,
+            standby,
+            ..plan.arguments(launcher.arguments(), place)?
         };
-        for (index, name) in NAMES.into_iter().enumerate() {
-            let arguments = plan.arguments(launcher.arguments(), index)?;
-            let mut child = command(plan, name, &arguments)?
-                .stdin(Stdio::null())
-                .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                // Ctrl-C reaches the launcher alone, which ends the others in order.
-                .process_group(0)
-                .spawn()
-                .with_context(|| format!("starting {name}"))?;
-            let mut readers = Vec::new();
-            if let Some(out) = child.stdout.take() {
-                let screen = screen.clone();
-                readers.push(forward(out, move |line| screen.line(line)));
-            }
-            if let Some(err) = child.stderr.take() {
-                let screen = screen.clone();
-                readers.push(forward(err, move |line| {
-                    screen.warn(&format!("{name}: {line}"))
-                }));
-            }
-            // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
-            if !plan.exec.contains_key(name) {
-                children.readers.append(&mut readers);
-            }
-            let descriptor = match process_descriptor(child.id()) {
-                Ok(descriptor) => descriptor,
-                Err(error) => {
-                    let _ = child.kill();
-                    let _ = child.wait();
-                    return Err(error).with_context(|| format!("watching {name}"));
-                }
-            };
-            children.running.push(Running {
-                child,
-                descriptor,
-                ended: None,
-            });
+        let mut child = command(plan, name, &arguments)?
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            // Ctrl-C reaches the launcher alone, which ends the others in order.
+            .process_group(0)
+            .spawn()
+            .with_context(|| format!("starting {name}"))?;
+        let mut readers = Vec::new();
+        if let Some(out) = child.stdout.take() {
+            let screen = screen.clone();
+            readers.push(forward(out, move |line| screen.line(line)));
         }
-        Ok(children)
+        if let Some(err) = child.stderr.take() {
+            let screen = screen.clone();
+            readers.push(forward(err, move |line| {
+                screen.warn(&format!("{name}: {line}"))
+            }));
+        }
+        // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
+        if !plan.exec.contains_key(name) {
+            self.readers.append(&mut readers);
+        }
+        let descriptor = match process_descriptor(child.id()) {
+            Ok(descriptor) => descriptor,
+            Err(error) => {
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(error).with_context(|| format!("watching {name}"));
+            }
+        };
+        self.next += 1;
+        self.living.push(Child {
+            place,
+            index,
+            phase: Phase::Starting,
+            heard_ns: now_ns(),
+            why: None,
+            child,
+            descriptor,
+        });
+        Ok(index)
     }
 
-    /// What to poll, in launch order; −1 for those that have ended.
-    pub fn descriptors(&self) -> [RawFd; NAMES.len()] {
-        let mut descriptors = [-1; NAMES.len()];
-        for (descriptor, running) in descriptors.iter_mut().zip(&self.running) {
-            if running.ended.is_none() {
-                *descriptor = running.descriptor.as_raw_fd();
-            }
-        }
-        descriptors
+    /// The living.
+    pub fn living(&self) -> &[Child] {
+        &self.living
     }
 
-    /// Waits until one ends, at most so long.
+    /// The living process of that number.
+    pub fn get(&self, index: u32) -> Option<&Child> {
+        self.living.iter().find(|child| child.index == index)
+    }
+
+    /// As [`Children::get`].
+    pub fn get_mut(&mut self, index: u32) -> Option<&mut Child> {
+        self.living.iter_mut().find(|child| child.index == index)
+    }
+
+    /// Who does the part of a place now.
+    pub fn speaker(&self, place: usize) -> Option<&Child> {
+        self.living
+            .iter()
+            .find(|child| child.place == place && child.phase == Phase::Speaking)
+    }
+
+    /// All living ones speak: the run has started.
+    pub fn all_speak(&mut self) {
+        for child in &mut self.living {
+            child.phase = Phase::Speaking;
+            child.heard_ns = now_ns();
+        }
+    }
+
+    /// What to poll, in the order of [`Children::living`].
+    pub fn descriptors(&self) -> Vec<RawFd> {
+        self.living
+            .iter()
+            .map(|child| child.descriptor.as_raw_fd())
+            .collect()
+    }
+
+    /// Waits until one ends, at most so long; its place in [`Children::living`].
     ///
     /// # Errors
     /// When the operating system cannot tell.
     pub fn wait(&self, timeout_ns: u64) -> Result<Option<usize>> {
-        let mut polled = self.descriptors().map(|fd| libc::pollfd {
-            fd,
-            events: libc::POLLIN,
-            revents: 0,
-        });
+        let mut polled: Vec<_> = self
+            .descriptors()
+            .into_iter()
+            .map(|fd| libc::pollfd {
+                fd,
+                events: libc::POLLIN,
+                revents: 0,
+            })
+            .collect();
         // SAFETY: a live array of the stated length.
         let ready = unsafe {
             libc::poll(
@@ -116,56 +227,55 @@ impl Children {
         Ok(polled.iter().position(|polled| polled.revents != 0))
     }
 
+    /// Takes note that the process at this place in [`Children::living`] has ended, and says how.
+    ///
+    /// # Errors
+    /// When the operating system does not say.
+    pub fn reap(&mut self, at: usize) -> Result<Ended> {
+        let mut ended = self.living.remove(at);
+        let name = NAMES[ended.place];
+        let status = ended
+            .child
+            .wait()
+            .with_context(|| format!("waiting for {name}"))?;
+        let mut how = match (status.code(), status.signal()) {
+            (Some(code), _) => format!("ended with status {code}"),
+            (None, Some(signal)) => format!("was killed by signal {signal}"),
+            (None, None) => "ended".to_owned(),
+        };
+        if let Some(why) = ended.why {
+            how += &format!(" ({why})");
+        }
+        Ok(Ended {
+            place: ended.place,
+            index: ended.index,
+            phase: ended.phase,
+            how,
+        })
+    }
+
     /// Ends those that are still there, giving them a second to say why they had to, and shows what they printed.
     pub fn end(&mut self) {
         self.signal(libc::SIGTERM);
         for _ in 0..20 {
-            if self.all_ended() {
+            if self.living.is_empty() {
                 break;
             }
-            if let Ok(Some(index)) = self.wait(50_000_000) {
-                let _ = self.reap(index);
+            if let Ok(Some(at)) = self.wait(50_000_000) {
+                let _ = self.reap(at);
             }
         }
         self.signal(libc::SIGKILL);
-        for index in 0..self.running.len() {
-            let _ = self.reap(index);
+        while !self.living.is_empty() {
+            let _ = self.reap(0);
         }
         self.drain_output();
     }
 
-    /// Takes note that a process has ended, and says how.
-    ///
-    /// # Errors
-    /// When the operating system does not say.
-    pub fn reap(&mut self, index: usize) -> Result<String> {
-        let running = &mut self.running[index];
-        let status = running
-            .child
-            .wait()
-            .with_context(|| format!("waiting for {}", NAMES[index]))?;
-        running.ended = Some(status);
-        Ok(match (status.code(), status.signal()) {
-            (Some(code), _) => format!("ended with status {code}"),
-            (None, Some(signal)) => format!("was killed by signal {signal}"),
-            (None, None) => "ended".to_owned(),
-        })
-    }
-
-    /// Whether all have ended.
-    pub fn all_ended(&self) -> bool {
-        self.running.iter().all(|running| running.ended.is_some())
-    }
-
     /// Sends a signal to those that are still there.
     pub fn signal(&self, signal: libc::c_int) {
-        for running in self
-            .running
-            .iter()
-            .filter(|running| running.ended.is_none())
-        {
-            // SAFETY: signals a child that was not reaped yet, so its id is still its own.
-            unsafe { libc::kill(running.child.id() as libc::pid_t, signal) };
+        for child in &self.living {
+            child.signal(signal);
         }
     }
 
@@ -180,12 +290,8 @@ impl Children {
 impl Drop for Children {
     fn drop(&mut self) {
         self.signal(libc::SIGKILL);
-        for running in self
-            .running
-            .iter_mut()
-            .filter(|running| running.ended.is_none())
-        {
-            let _ = running.child.wait();
+        for child in &mut self.living {
+            let _ = child.child.wait();
         }
     }
 }
@@ -206,9 +312,9 @@ fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command>
             command
         }
         None => {
-            let mut command =
-                Command::new(std::env::current_exe().context("finding our own executable")?);
-            command.arg("process").arg(file);
+            // Not the path, which may by now hold another build, whose messages may differ.
+            let mut command = Command::new("/proc/self/exe");
+            command.arg0("mirror").arg("process").arg(file);
             command
         }
     })

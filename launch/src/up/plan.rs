@@ -1,5 +1,6 @@
 //! What a run will do, resolved and checked before anything starts.
 
+use super::door::Replacement;
 use crate::cli::{Clock, PlannerKind, UpArguments};
 use crate::inputs::{self, ImplantSource, NamedDriver, NamedScene};
 use crate::learn;
@@ -12,8 +13,10 @@ use recorder::visual::RoadLine;
 use runtime::{ClockMode, RunArguments};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A run that can be started.
+#[derive(Clone)]
 pub struct Plan {
     /// Where.
     pub scene: NamedScene,
@@ -26,7 +29,7 @@ pub struct Plan {
     /// Settings of the planner.
     pub settings: Settings,
     /// The robot's self-model: its file, and itself.
-    pub self_model: (PathBuf, SelfModel),
+    pub self_model: (PathBuf, Arc<SelfModel>),
     /// What the human model learned of the person.
     pub implants: ImplantSource,
     /// Episodes to drive.
@@ -47,6 +50,10 @@ pub struct Plan {
     pub spin_us: u32,
     /// Print no events.
     pub quiet: bool,
+    /// Times in a row that a process is started again.
+    pub restarts: u32,
+    /// Which part of the recording is written now, from 1.
+    part: u32,
 }
 
 impl Plan {
@@ -59,7 +66,8 @@ impl Plan {
         let scene = inputs::scene(&arguments.scene, arguments.fog, &driver.driving)?;
         let settings = inputs::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
-        let self_model = inputs::self_model(arguments.self_model.as_deref())?;
+        let (path, model) = inputs::self_model(arguments.self_model.as_deref())?;
+        let self_model = (path, Arc::new(model));
         let implants = inputs::implants(
             arguments.implants.as_deref(),
             human,
@@ -92,6 +100,8 @@ impl Plan {
             exec: replacements(&arguments.exec)?,
             spin_us: arguments.spin,
             quiet: arguments.quiet,
+            restarts: arguments.restarts,
+            part: 1,
             scene,
             driver,
         })
@@ -107,10 +117,90 @@ impl Plan {
         };
         let model = &self.self_model.1;
         let implants = learn::at_start(&self.scene.scene, person, self.human, model)?;
-        let path = run.directory().join("implants.safetensors");
+        // A file of its own for each: a process that is to be replaced may have to be started again.
+        let path = (0..)
+            .map(|n| run.directory().join(format!("implants.{n}.safetensors")))
+            .find(|path| !path.exists())
+            .context("a name for the implants")?;
         learn::save(&path, &implants, model)?;
         self.implants = ImplantSource::File(path);
         Ok(())
+    }
+
+    /// Whether [`Plan::learn`] has something to learn.
+    pub fn must_learn(&self) -> bool {
+        matches!(self.implants, ImplantSource::Learn(_))
+    }
+
+    /// The same run with one process of another kind.
+    ///
+    /// # Errors
+    /// Names what is not known, or cannot be changed while the run goes on.
+    pub fn changed(&self, place: usize, asked: &Replacement) -> Result<Self> {
+        let name = NAMES[place];
+        let mut changed = self.clone();
+        ensure!(
+            asked.implants.is_none() || name == "human",
+            "--implants is for human models"
+        );
+        match &asked.exec {
+            Some(command) => {
+                ensure!(!command.trim().is_empty(), "--exec: no command");
+                changed.exec.insert(name, command.clone());
+            }
+            None => {
+                changed.exec.remove(name);
+            }
+        }
+        if name == "recorder" {
+            changed.next_part();
+        }
+        let Some(kind) = asked.kind.as_deref().filter(|kind| *kind != "same") else {
+            return Ok(changed);
+        };
+        match name {
+            "human" => {
+                changed.human = inputs::human("swap human", kind)?;
+                changed.implants = inputs::implants(
+                    asked.implants.as_deref(),
+                    changed.human,
+                    &self.driver.driving,
+                    &self.self_model.1,
+                )?;
+            }
+            "planner" => changed.planner = inputs::planner(kind)?,
+            "driver" => changed.driver = inputs::driver(kind)?,
+            _ => bail!("swap {name} {kind}: there is only `same`, or another program by --exec"),
+        }
+        Ok(changed)
+    }
+
+    /// What kind of process stands at a place.
+    pub fn kind_of(&self, place: usize) -> String {
+        let name = NAMES[place];
+        if let Some(command) = self.exec.get(name) {
+            return command.clone();
+        }
+        match name {
+            "human" => self.human.name().to_owned(),
+            "planner" => self.planner.name().to_owned(),
+            "driver" => self.driver.name.clone(),
+            _ => name.to_owned(),
+        }
+    }
+
+    /// From now on, a recorder that starts writes another part of the recording.
+    pub fn next_part(&mut self) {
+        self.part += 1;
+    }
+
+    /// Where the recorder that starts next writes: the file that was asked for, then its further parts.
+    fn recording(&self) -> Option<PathBuf> {
+        let path = self.record.as_ref()?;
+        if self.part == 1 {
+            return Some(path.clone());
+        }
+        Some(path.with_extension(format!("part{}.mcap", self.part)))
     }
 
     /// The arguments that a process is started with.
@@ -168,7 +258,7 @@ impl Plan {
                 print: !self.quiet,
             }),
             "recorder" => plain.with_options(&recorder::Options {
-                record: self.record.clone(),
+                record: self.recording(),
                 result: Some(self.recorder_result(run)),
                 about: self.about(run.run_id),
                 road: road_lines(&self.scene)?,

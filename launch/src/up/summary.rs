@@ -1,6 +1,8 @@
 //! The end of a run: a table for people, and the same as JSON.
 
 use super::plan::Plan;
+use super::supervise::Death;
+use super::swap::SwapReport;
 use super::tally::{Episode, Tally};
 use crate::process::NAMES;
 use anyhow::{Context, Result};
@@ -74,8 +76,8 @@ pub struct Summary {
     pub completed: bool,
     /// Why the run ended before that.
     pub ended_early: Option<String>,
-    /// Processes that ended before the run did, and how.
-    pub deaths: BTreeMap<String, String>,
+    /// Processes that ended before the run did, in order.
+    pub deaths: Vec<Death>,
     /// Episodes driven to their ends.
     pub episodes: u32,
     /// Control steps.
@@ -94,8 +96,14 @@ pub struct Summary {
     pub missed_deadlines: u64,
     /// Messages lost at any port, by topic.
     pub lost_messages: BTreeMap<String, u64>,
-    /// Processes restarted.
+    /// Processes started again.
     pub restarts: u64,
+    /// Processes that did not answer and were killed; their deaths count, too.
+    pub hangs: u64,
+    /// Processes replaced on request, in order.
+    pub swaps: Vec<SwapReport>,
+    /// Episodes that ended with the world's death.
+    pub void_episodes: u32,
     /// Seconds from the start of the first episode to the end of the last.
     pub wall_seconds: f64,
     /// Digest of every recorded message of a lockstep run.
@@ -119,8 +127,14 @@ pub struct Summary {
 pub struct Ending {
     /// Each process's last report.
     pub reports: [Option<Report>; NAMES.len()],
-    /// How each process ended that did so before the run.
-    pub deaths: BTreeMap<String, String>,
+    /// Who ended before the run did.
+    pub deaths: Vec<Death>,
+    /// Processes started again.
+    pub restarts: u64,
+    /// Processes that hung.
+    pub hangs: u64,
+    /// Processes replaced.
+    pub swaps: Vec<SwapReport>,
     /// Why the run ended early, if it did.
     pub ended_early: Option<String>,
     /// Seconds from start to end.
@@ -145,7 +159,11 @@ impl Summary {
             driver: plan.driver.name.clone(),
             clock: plan.clock,
             seed: plan.seed,
-            completed: rewards.len() == plan.episodes as usize,
+            completed: tally.episodes.len() == plan.episodes as usize
+                && tally
+                    .episodes
+                    .last()
+                    .is_some_and(|episode| episode.end != "running"),
             ended_early: ending.ended_early,
             episodes: rewards.len() as u32,
             steps: tally.steps(),
@@ -159,7 +177,15 @@ impl Summary {
                 .fold(0.0, |sum, episode| sum + episode.communication_cost),
             missed_deadlines: 0,
             lost_messages: BTreeMap::new(),
-            restarts: 0,
+            restarts: ending.restarts,
+            hangs: ending.hangs,
+            void_episodes: tally
+                .episodes
+                .iter()
+                .rev()
+                .skip(1)
+                .filter(|episode| episode.end == "running")
+                .count() as u32,
             wall_seconds: ending.wall_seconds,
             digest: None,
             compute_us: BTreeMap::new(),
@@ -178,6 +204,7 @@ impl Summary {
             recording: ending.recording,
             episode_list: tally.episodes.clone(),
             deaths: ending.deaths,
+            swaps: ending.swaps,
         };
         for (name, report) in NAMES.into_iter().zip(&ending.reports) {
             summary.add_process(name, report.as_ref());
@@ -185,7 +212,8 @@ impl Summary {
         for (topic, lost) in tally.lost() {
             *summary.lost_messages.entry(topic.to_owned()).or_default() += lost;
         }
-        if plan.clock == ClockMode::Lockstep && summary.completed {
+        let undisturbed = summary.deaths.is_empty() && summary.swaps.is_empty();
+        if plan.clock == ClockMode::Lockstep && summary.completed && undisturbed {
             summary.digest = summary
                 .recording
                 .as_ref()
@@ -196,9 +224,10 @@ impl Summary {
 
     fn add_process(&mut self, name: &str, report: Option<&Report>) {
         let finished = report.is_some_and(|report| report.state == 3);
-        let end = match self.deaths.get(name) {
-            Some(how) => how.clone(),
-            None if finished => "finished".to_owned(),
+        let death = self.deaths.iter().rev().find(|death| death.process == name);
+        let end = match death {
+            _ if finished => "finished".to_owned(),
+            Some(death) => death.how.clone(),
             None => "was ended".to_owned(),
         };
         let mut process = ProcessSummary {
@@ -226,7 +255,7 @@ impl Summary {
             .recording
             .as_ref()
             .is_none_or(|recording| recording.complete);
-        self.completed && self.ended_early.is_none() && self.deaths.is_empty() && recorded
+        self.completed && self.ended_early.is_none() && recorded
     }
 
     /// Writes the JSON.
@@ -343,11 +372,41 @@ impl Summary {
             };
             let _ = writeln!(out, "recording {} ({word})", file.display());
         }
-        for (process, how) in &self.deaths {
-            let _ = writeln!(out, "DIED {process} {how}");
-        }
+        self.write_deaths(out);
         if let Some(reason) = &self.ended_early {
             let _ = writeln!(out, "ENDED EARLY: {reason}");
+        }
+    }
+
+    fn write_deaths(&self, out: &mut String) {
+        // After a long run of accidents, numbers say more than a list.
+        let listed = self.deaths.len().min(20);
+        for Death {
+            process,
+            how,
+            position,
+            back_after_ms,
+        } in &self.deaths[..listed]
+        {
+            let at = position.map_or(String::new(), |(e, s)| {
+                format!(" after episode {e} step {s}")
+            });
+            let back = back_after_ms.map_or(String::new(), |ms| format!("; back after {ms:.0} ms"));
+            let _ = writeln!(out, "DIED {process} {how}{at}{back}");
+        }
+        if listed < self.deaths.len() {
+            let _ = writeln!(out, "… {} deaths in all", self.deaths.len());
+        }
+        if self.void_episodes > 0 {
+            let _ = writeln!(out, "{} episodes void", self.void_episodes);
+        }
+        for swap in &self.swaps {
+            let (episode, step) = swap.border.unwrap_or_default();
+            let _ = writeln!(
+                out,
+                "SWAPPED {}: {} → {} from episode {episode} step {step} on; steps without an answer {}",
+                swap.process, swap.from, swap.to, swap.ticks_without_answer
+            );
         }
     }
 

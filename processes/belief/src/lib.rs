@@ -69,7 +69,8 @@ fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
             continue;
         };
         let (episode, step) = (frame.header.episode, frame.header.step);
-        if step > 0 {
+        // Who joins in the middle of an episode begins with what is sensed there.
+        if step > 0 && tracker.follows(episode) {
             // In real time a late action is not waited for: the newest there is counts.
             let deadline = if lockstep { None } else { Some(now_ns()) };
             if node.wait_step(&mut [&mut actions], episode, step - 1, deadline)? == Wake::Stop {

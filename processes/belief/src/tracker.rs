@@ -41,6 +41,11 @@ impl Tracker {
         }
     }
 
+    /// Whether there is a belief about this episode yet.
+    pub fn follows(&self, episode: u32) -> bool {
+        self.episode == Some(episode)
+    }
+
     /// Updates z^R with `frame`, given the action that the person took one step before (ignored at an episode's start),
     /// and writes what is believed into `out`, all but the header.
     pub fn observe(&mut self, frame: &LidarFrame, previous: [f32; 2], out: &mut RobotBelief) {

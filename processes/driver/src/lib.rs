@@ -47,6 +47,7 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
         display: node.input(topic::DISPLAY, Receive::InOrder)?,
         action: node.output(topic::DRIVER_ACTION)?,
     };
+    node.needs_no_catching_up();
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
@@ -58,6 +59,12 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
             continue;
         };
         let stamp = Stamp::of(&frame.header);
+        // Somebody else's episode: a person takes the wheel between two, or where a dead process left it.
+        if !node.speaks(stamp.episode, stamp.step) {
+            node.pass(stamp.episode, stamp.step);
+            node.end_step();
+            continue;
+        }
         if episode.replace(stamp.episode) != Some(stamp.episode) {
             driver.reset(stamp.episode);
         }

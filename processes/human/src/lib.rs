@@ -99,7 +99,7 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
     }
     // A step begins with its display, the last of its inputs: until then questions start from the step before.
     while node.wait(&mut [&mut displays, questions.source()], None)? != Wake::Stop {
-        while questions.serve(|question, answer| person.answer(question, answer))? {}
+        questions.serve_all(node, |question, answer| person.answer(question, answer))?;
         if !displays.take()? {
             continue;
         }
@@ -108,10 +108,14 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
         };
         let (episode, step) = (display.header.episode, display.header.step);
         let deadline = if lockstep { None } else { Some(now_ns()) };
-        if node.wait_step(&mut [&mut lidar], episode, step, deadline)? == Wake::Stop {
-            break;
+        match node.wait_step(&mut [&mut lidar], episode, step, deadline)? {
+            Wake::Stop => break,
+            // The display is older than what is left of its frames, for one that joined late.
+            Wake::Passed => continue,
+            Wake::Message | Wake::Deadline => {}
         }
         if step > 0
+            && person.follows(episode)
             && node.wait_step(&mut [&mut actions], episode, step - 1, deadline)? == Wake::Stop
         {
             break;

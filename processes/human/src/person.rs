@@ -78,6 +78,11 @@ impl Person {
         }
     }
 
+    /// Whether there is a belief about this episode yet.
+    pub fn follows(&self, episode: u32) -> bool {
+        self.position.is_some_and(|(seen, _)| seen == episode)
+    }
+
     /// Updates z^H with what the person could perceive in `frame`, what `display` showed and said, and `taken`, the action
     /// that they took one step before (ignored at an episode's start); writes belief and prediction into `out`, all but
     /// the header.
@@ -89,7 +94,7 @@ impl Person {
         out: &mut HumanBelief,
     ) {
         let (episode, step) = (frame.header.episode, frame.header.step);
-        let starts = step == 0 || self.position.is_none_or(|(seen, _)| seen != episode);
+        let starts = step == 0 || !self.follows(episode);
         if starts {
             self.beliefs.reset();
         } else {

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use messages::{CommAction, Display, DriverAction, Header, HumanBelief, RobotBelief, topic};
 use models::SelfModel;
 use planning::{PeopleError, Settings};
-use runtime::{ClockMode, Node, NodeError, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -121,6 +121,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
     };
     let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
+    node.needs_no_catching_up();
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
@@ -154,16 +155,27 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
     let mut desk = Desk::new(options, model);
     let mut waiting = Waiting::new(options.settings.samples);
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
+    node.needs_no_catching_up();
 
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    while node.wait(&mut [&mut robot], None)? != Wake::Stop {
-        robot.take()?;
+    while node.wait(&mut [&mut robot, client.source()], None)? != Wake::Stop {
+        // What comes between two plans answers somebody else's questions, or an older plan's.
+        client.pass_over()?;
+        if !robot.take()? {
+            continue;
+        }
         let Some(belief) = robot.message() else {
             continue;
         };
         let stamp = Stamp::of(&belief.header);
+        let decided = stamp.next();
+        if !node.speaks(decided.episode, decided.step) {
+            node.pass(decided.episode, decided.step);
+            node.end_step();
+            continue;
+        }
         if belief.latent as usize != model.sizes.latent {
             bail!(
                 "belief/robot has {} dimensions, the planner's self-model {}",
@@ -177,14 +189,11 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
             stamp.episode,
             stamp.step,
             deadline_ns,
-        ) {
-            Ok(Wake::Stop) => break,
-            Ok(_) => {}
+        )? {
+            Wake::Stop => break,
             // The episode ended with this step: nobody acted any more.
-            Err(NodeError::Overtaken { got_episode, .. }) if got_episode > stamp.episode => {
-                continue;
-            }
-            Err(error) => return Err(error.into()),
+            Wake::Passed => continue,
+            Wake::Message | Wake::Deadline => {}
         }
         // In real time the wait may have ended without one of them.
         let is_of_step = |header: Option<&Header>| {
@@ -195,18 +204,25 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
             .filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
         let known_action = acted.map(|a| [a.throttle, a.steer]);
         let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
-        let decision = if is_of_step(human.header()) {
-            let (client, waiting) = (&mut client, &mut waiting);
+        let decision = loop {
+            if !is_of_step(human.header()) {
+                break Err(PeopleError::NoBelief);
+            }
             let mut people = RemotePeople {
                 node,
-                client,
+                client: &mut client,
                 stamp,
                 patience_ns,
-                waiting,
+                waiting: &mut waiting,
+                successor: lockstep.then_some(&mut human),
             };
-            desk.plan(model, belief, known_action, speech_ready_s, &mut people)
-        } else {
-            Err(PeopleError::NoBelief)
+            match desk.plan(model, belief, known_action, speech_ready_s, &mut people) {
+                Err(PeopleError::Replaced) => {
+                    client.give_up();
+                    human.take()?;
+                }
+                decision => break decision,
+            }
         };
         let late = !lockstep && now_ns() > belief.header.cause_ns + desk.step_ns();
         match decision {
@@ -215,7 +231,7 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
             }
             Err(PeopleError::Stopped) => break,
             Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
-            Err(PeopleError::Silent(_) | PeopleError::NoBelief) => {
+            Err(PeopleError::Silent(_) | PeopleError::NoBelief | PeopleError::Replaced) => {
                 client.give_up();
                 decisions.send_with(stamp.next(), |out| out.reason = reason::HUMAN_SILENT)?;
             }

@@ -1,11 +1,11 @@
 //! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
 
-use messages::{ImagineRequest, MAX_GROUP};
+use messages::{HumanBelief, ImagineRequest, MAX_GROUP};
 use models::{Communicated, Observations};
 use nn::Tensor;
 use planning::planner::GROUPS;
 use planning::{ImaginedPeople, PeopleError};
-use runtime::{Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
+use runtime::{Input, Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
 
 /// Answers that came while another group's was awaited; kept by the loop, so that planning allocates nothing.
 pub struct Waiting {
@@ -43,6 +43,8 @@ pub struct RemotePeople<'a> {
     pub patience_ns: Option<u64>,
     /// Answers not fetched yet.
     pub waiting: &'a mut Waiting,
+    /// In lockstep, where a human model that has taken the place of a dead one repeats this step's belief.
+    pub successor: Option<&'a mut Input<HumanBelief>>,
 }
 
 impl RemotePeople<'_> {
@@ -135,12 +137,13 @@ impl ImaginedPeople for RemotePeople<'_> {
     fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
         let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
         while !self.waiting.groups[group].answered {
-            match self
-                .client
-                .wait_answer(self.node, deadline_ns)
-                .map_err(unreachable_node)?
-            {
+            let wake = match &mut self.successor {
+                Some(beliefs) => self.client.wait_answer_or(self.node, *beliefs, deadline_ns),
+                None => self.client.wait_answer(self.node, deadline_ns),
+            };
+            match wake.map_err(unreachable_node)? {
                 Wake::Message => self.keep()?,
+                Wake::Passed => return Err(PeopleError::Replaced),
                 Wake::Stop => return Err(PeopleError::Stopped),
                 Wake::Deadline => {
                     return Err(PeopleError::Silent(

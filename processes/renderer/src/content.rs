@@ -38,7 +38,8 @@ pub struct Renderer {
     step_s: f32,
     /// Steps from one utterance to the next.
     interval_steps: u32,
-    episode: u32,
+    /// Episode that was last rendered.
+    episode: Option<u32>,
     /// First step of the episode at which an utterance may start.
     ready_step: u32,
     /// Step of the decision whose words were last considered; words are not kept for later.
@@ -54,10 +55,24 @@ impl Renderer {
             step_s: options.step_s,
             // Rounding of the quotient must not add a step to an interval of a whole number of steps.
             interval_steps: (steps - 1e-3).ceil().max(1.0) as u32,
-            episode: 0,
+            episode: None,
             ready_step: 0,
             heard_step: None,
             observation: Observation::default(),
+        }
+    }
+
+    /// Whether something of this episode was rendered already.
+    pub fn follows(&self, episode: u32) -> bool {
+        self.episode == Some(episode)
+    }
+
+    /// Begins with an episode, at its start or where `shown`, the last that another renderer showed of it, left off.
+    pub fn follow(&mut self, episode: u32, shown: Option<&Display>) {
+        (self.episode, self.ready_step, self.heard_step) = (Some(episode), 0, None);
+        if let Some(shown) = shown.filter(|shown| shown.header.episode == episode) {
+            let steps = (shown.speech_ready_s / self.step_s).round() as u32;
+            self.ready_step = shown.header.step + steps;
         }
     }
 
@@ -70,8 +85,8 @@ impl Renderer {
         display: &mut Display,
     ) {
         let (episode, step) = (frame.header.episode, frame.header.step);
-        if episode != self.episode {
-            (self.episode, self.ready_step, self.heard_step) = (episode, 0, None);
+        if !self.follows(episode) {
+            self.follow(episode, None);
         }
         display.objects = [-1; 16];
         display.object_count = 0;

@@ -7,8 +7,8 @@ pub use content::{Options, Renderer};
 pub use events::Events;
 
 use anyhow::Result;
-use messages::{CommAction, Display, LidarFrame, Outcome, topic};
-use runtime::{ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake};
+use messages::{CommAction, Display, Header, LidarFrame, Outcome, topic};
+use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake};
 use std::io::{self, IsTerminal};
 
 /// Joins the run and renders until it ends.
@@ -34,6 +34,8 @@ struct Process {
     decision: Input<CommAction>,
     outcome: Input<Outcome>,
     display: Output<Display>,
+    /// What a predecessor showed, for one that joins late.
+    shown: Option<Input<Display>>,
     renderer: Renderer,
     events: Option<Events<io::Stdout>>,
 }
@@ -50,6 +52,16 @@ impl Process {
             decision: node.input(topic::COMM_ACTION, receive)?,
             outcome: node.input(topic::OUTCOME, Receive::InOrder)?,
             display: node.output(topic::DISPLAY)?,
+            shown: match node.arguments().standby {
+                false => None,
+                true => {
+                    let asleep = InputOptions {
+                        wakes: false,
+                        ..InputOptions::new(Receive::Newest)
+                    };
+                    Some(node.input_with(topic::DISPLAY, asleep)?.uncounted())
+                }
+            },
             renderer: Renderer::new(options),
             events: options
                 .print
@@ -71,15 +83,18 @@ impl Process {
             else {
                 continue;
             };
-            if step > 0
-                && node.wait_step(&mut [&mut self.decision], episode, step, None)? == Wake::Stop
-            {
-                break;
+            if step > 0 {
+                match node.wait_step(&mut [&mut self.decision], episode, step, None)? {
+                    Wake::Stop => break,
+                    // Who joined late has no decision for its first frames; they are not its own to show.
+                    Wake::Passed if !node.speaks(episode, step) => continue,
+                    _ => {}
+                }
             }
-            self.show()?;
+            self.show(node)?;
             node.end_step();
         }
-        self.tell_outcomes()
+        self.tell_outcomes(node)
     }
 
     /// A frame is shown at once with the newest decision, and again when its own comes late.
@@ -96,13 +111,13 @@ impl Process {
             let decided = self.decision.take()?;
             if sensed || (decided && self.is_late()) {
                 node.count_missed(u64::from(!sensed));
-                self.show()?;
+                self.show(node)?;
                 node.end_step();
             } else {
-                self.tell_outcomes()?;
+                self.tell_outcomes(node)?;
             }
         }
-        self.tell_outcomes()
+        self.tell_outcomes(node)
     }
 
     /// Whether the newest decision is for the frame that was already shown without it.
@@ -111,15 +126,28 @@ impl Process {
         self.decision.header().map(place) <= self.lidar.header().map(place)
     }
 
-    fn show(&mut self) -> Result<()> {
-        self.tell_outcomes()?;
+    fn show(&mut self, node: &Node) -> Result<()> {
+        self.tell_outcomes(node)?;
         let Some(frame) = self.lidar.message() else {
             return Ok(());
         };
+        let Header { episode, step, .. } = frame.header;
+        if !self.renderer.follows(episode) {
+            // What a predecessor said in this episode is still in the person's ears.
+            if let Some(shown) = &mut self.shown {
+                shown.take()?;
+            }
+            let shown = self.shown.as_ref().and_then(Input::message);
+            self.renderer.follow(episode, shown);
+        } else if node.speaks(episode, step) {
+            self.shown = None; // from here on, it is this one's own
+        }
         let mut display = self.display.loan()?;
         self.renderer
             .render(frame, self.decision.message(), &mut display);
-        if let Some(events) = &mut self.events {
+        if let Some(events) = &mut self.events
+            && node.speaks(episode, step)
+        {
             // A closed terminal is no reason to stop showing.
             let _ = events.display(&display, frame);
         }
@@ -127,9 +155,11 @@ impl Process {
         Ok(())
     }
 
-    fn tell_outcomes(&mut self) -> Result<()> {
+    fn tell_outcomes(&mut self, node: &Node) -> Result<()> {
         while self.outcome.take()? {
-            if let (Some(events), Some(outcome)) = (&mut self.events, self.outcome.message()) {
+            if let (Some(events), Some(outcome)) = (&mut self.events, self.outcome.message())
+                && node.speaks(outcome.header.episode, outcome.header.step)
+            {
                 let _ = events.outcome(outcome);
             }
         }

@@ -1,5 +1,7 @@
 //! The world process: holds the truth, publishes what can be sensed of it, and moves when the person acts.
 //!
+//! A world hands over to another, and takes over, between two episodes.
+//!
 //! At step k it publishes the outcome of step k − 1, the scene and the LIDAR frame k, waits for the driver's action k
 //! (lockstep) or for the beat (real time), and steps. The step that ends an episode has an outcome and a scene, but no
 //! frame: nobody is asked to act on it.
@@ -12,7 +14,7 @@ pub use options::Options;
 use anyhow::Result;
 use domains::highway::{End, Outcome, World};
 use ports::Ports;
-use runtime::{ClockMode, Node, RunArguments, Ticker, Wake, now_ns};
+use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns};
 
 /// Joins the run and drives its episodes to the end.
 ///
@@ -34,7 +36,18 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    for episode in 0..options.episodes {
+    // A world that stands by begins with the episode that it is told to.
+    let stands_by = node.stands_by();
+    if stands_by && node.wait_turn(NEVER.0 - 1, 0)? == Wake::Stop {
+        return Ok(());
+    }
+    for episode in node.turn().0..options.episodes {
+        if !node.speaks(episode, 0) {
+            node.retire()?;
+            if node.wait_turn(episode, 0)? == Wake::Stop {
+                break;
+            }
+        }
         world.reset(options.seed, episode);
         let wake = match node.arguments().clock {
             ClockMode::Lockstep => lockstep(node, &mut ports, &mut world, episode)?,

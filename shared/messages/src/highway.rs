@@ -311,7 +311,8 @@ message! {
     pub struct Control, "1" {
         /// Header.
         pub header: Header,
-        /// 1 start, 2 stop, 3 take over from `step` on, 4 report.
+        /// 1 start, 2 stop, 3 take over from the header's episode and step on, 4 report, 5 connect to who joined, 6 be silent
+        /// from the header's episode and step on.
         pub command: u32,
         /// Process addressed: index in launch order, or `u32::MAX` for all.
         pub process: u32,
@@ -349,9 +350,9 @@ message! {
         pub steps: u64,
         /// Deadlines missed.
         pub missed_deadlines: u64,
-        /// Heap allocations in the steady-state loop, without those that iceoryx2 makes for loaning messages.
+        /// Heap allocations in the steady-state loop.
         pub allocations: u64,
-        /// Those that iceoryx2 makes: one for every message loaned.
+        /// Those of them that iceoryx2 made for loaning messages.
         pub transport_allocations: u64,
         /// Digest of what was recorded; from the recorder only.
         pub digest: [u8; 32],
@@ -361,7 +362,7 @@ message! {
         pub index: u32,
         /// Operating-system process id.
         pub pid: u32,
-        /// 1 ready, 2 running, 3 finished, 4 failed.
+        /// 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take over or hand over as told, 7 too late for that, 8 silent from now on.
         pub state: u32,
     } header: yes
 }

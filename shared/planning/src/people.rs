@@ -18,6 +18,9 @@ pub enum PeopleError {
     /// The question could not be sent, or the answer not be received.
     #[error("the human model cannot be reached: {0}")]
     Unreachable(String),
+    /// Another human model has taken the place of the one that was asked: ask again from the beginning.
+    #[error("the human model was replaced while it was asked")]
+    Replaced,
     /// The process was asked to stop while it waited.
     #[error("stopped while waiting for the human model")]
     Stopped,

@@ -36,6 +36,9 @@ pub struct RunArguments {
     pub launcher_pid: u32,
     /// How long a wait polls before it blocks, in µs; 0 blocks at once. Worth it only where cores outnumber processes.
     pub spin_us: u32,
+    /// Reads and computes, but says nothing until the launcher has it take over.
+    #[serde(default)]
+    pub standby: bool,
     /// The process's own options, which only the process itself understands; see [`RunArguments::options`].
     #[serde(default)]
     pub options: serde_json::Value,
@@ -62,6 +65,7 @@ impl RunArguments {
             index: u32::MAX,
             launcher_pid: 0,
             spin_us: 0,
+            standby: false,
             options: serde_json::Value::Null,
         })
     }

@@ -144,22 +144,6 @@ pub enum NodeError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// In lockstep, a message for a later step came while an earlier one was awaited: something was lost.
-    #[error(
-        "topic `{topic}`: waited for episode {episode} step {step}, got episode {got_episode} step {got_step}"
-    )]
-    Overtaken {
-        /// The topic.
-        topic: &'static str,
-        /// Awaited episode.
-        episode: u32,
-        /// Awaited step.
-        step: u32,
-        /// The message's episode.
-        got_episode: u32,
-        /// The message's step.
-        got_step: u32,
-    },
     /// Processes did not come up in time.
     #[error("not ready in time: {missing}")]
     NotReady {

@@ -75,16 +75,34 @@ impl RequestClient {
         Ok(wake)
     }
 
-    /// Takes an answer if one waits.
+    /// As [`RequestClient::wait_answer`], ended too, with [`Wake::Passed`], by a message at `other`.
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn wait_answer_or(
+        &mut self,
+        node: &mut Node,
+        other: &mut dyn Source,
+        deadline_ns: Option<u64>,
+    ) -> Result<Wake, NodeError> {
+        let wake = node.wait(&mut [&mut self.answers, &mut *other], deadline_ns)?;
+        if wake == Wake::Message {
+            if self.answers.take()? {
+                self.open = self.open.saturating_sub(1);
+            } else {
+                return Ok(Wake::Passed);
+            }
+        }
+        Ok(wake)
+    }
+
+    /// Passes over the answers that wait: they are somebody else's.
     ///
     /// # Errors
     /// [`PortError::Receive`].
-    pub fn try_answer(&mut self) -> Result<bool, PortError> {
-        let taken = self.answers.take()?;
-        if taken {
-            self.open = self.open.saturating_sub(1);
-        }
-        Ok(taken)
+    pub fn pass_over(&mut self) -> Result<(), PortError> {
+        while self.answers.take()? {}
+        Ok(())
     }
 
     /// The answer taken last.
@@ -122,29 +140,39 @@ impl RequestServer {
         &mut self.questions
     }
 
-    /// Takes the next question, if one waits, and answers it in place: `answer` gets the question and the answer, whose
-    /// group, phase and rows are filled in and whose actions still hold older numbers. False if no question waits.
+    /// Takes every question that waits and answers it in place: `answer` gets the question and the answer, whose group,
+    /// phase and rows are filled in and whose actions still hold older numbers. A question about a step that is not this
+    /// process's to speak of is left to the process whose it is.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn serve(
+    pub fn serve_all(
         &mut self,
-        answer: impl FnOnce(&ImagineRequest, &mut ImagineAnswer),
-    ) -> Result<bool, PortError> {
-        if !self.questions.take()? {
-            return Ok(false);
+        node: &Node,
+        mut answer: impl FnMut(&ImagineRequest, &mut ImagineAnswer),
+    ) -> Result<(), PortError> {
+        while self.questions.take()? {
+            if let Some(question) = self.questions.message()
+                && node.speaks(question.header.episode, question.header.step)
+            {
+                self.answer_one(question, &mut answer)?;
+            }
         }
-        let Some(question) = self.questions.message() else {
-            return Ok(false);
-        };
+        Ok(())
+    }
+
+    fn answer_one(
+        &self,
+        question: &ImagineRequest,
+        answer: &mut impl FnMut(&ImagineRequest, &mut ImagineAnswer),
+    ) -> Result<(), PortError> {
         let mut loan = self.answers.loan_uncleared()?;
         loan.group = question.group;
         loan.phase = question.phase;
         loan.rows = question.rows;
         loan.status = 0;
         answer(question, &mut loan);
-        loan.send(Stamp::of(&question.header))?;
-        Ok(true)
+        loan.send(Stamp::of(&question.header))
     }
 
     /// Questions that were lost.

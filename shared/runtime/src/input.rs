@@ -1,6 +1,6 @@
 //! The receiving side of a topic: the newest message or every message, with losses counted.
 
-use crate::error::{NodeError, PortError};
+use crate::error::PortError;
 use crate::output::Connect;
 use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
 use crate::shared::Shared;
@@ -63,11 +63,30 @@ pub(crate) struct Counter {
     pub(crate) lost: Cell<u64>,
 }
 
+impl Counter {
+    /// Counts anew.
+    pub(crate) fn forget(&self) {
+        self.received.set(0);
+        self.lost.set(0);
+    }
+}
+
 /// Who sent on this topic, and the sequence number expected next.
 #[derive(Clone, Copy)]
 struct Sender {
     id: u128,
     next: u64,
+}
+
+/// Where [`Source::advance_to`] arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Advance {
+    /// The message has not come yet.
+    Waiting,
+    /// It is the current one; or, at an input that delivers the newest, a later one is.
+    There,
+    /// An in-order input has a later one instead: the awaited one was lost, or never sent.
+    Passed,
 }
 
 /// Something that a process can wait for; every [`Input`] is one.
@@ -79,11 +98,11 @@ pub trait Source {
     /// # Errors
     /// [`PortError::Receive`].
     fn pending(&mut self) -> Result<bool, PortError>;
-    /// Takes messages until one of `episode` and `step` is the current one; false if it has not come yet.
+    /// Takes messages until one of `episode` and `step`, or a later one, is the current one.
     ///
     /// # Errors
-    /// [`NodeError::Overtaken`] if an in-order input has a later message instead.
-    fn advance_to(&mut self, episode: u32, step: u32) -> Result<bool, NodeError>;
+    /// [`PortError::Receive`].
+    fn advance_to(&mut self, episode: u32, step: u32) -> Result<Advance, PortError>;
     /// What to poll; −1 for an input that does not wake.
     fn descriptor(&self) -> RawFd;
     /// Empties the listener, so that its descriptor is readable only for what comes later.
@@ -93,6 +112,8 @@ pub trait Source {
 struct Inbox<M: Message>(Subscriber<Ipc, M, ()>);
 
 impl<M: Message> Connect for Inbox<M> {
+    fn release(&self) {}
+
     fn connect(&self) {
         // What fails here fails again, and is reported, at the next receive.
         let _ = self.0.update_connections();
@@ -158,6 +179,15 @@ impl<M: Message> Input<M> {
             shared: shared.clone(),
             created_ns: crate::clock::now_ns(),
         })
+    }
+
+    /// The same input, its losses counted in no report: for one that is not read from step to step.
+    #[must_use]
+    pub fn uncounted(self) -> Self {
+        let mut counters = self.shared.counters.borrow_mut();
+        counters.retain(|counter| !std::rc::Rc::ptr_eq(counter, &self.counter));
+        drop(counters);
+        self
     }
 
     /// The message taken last.
@@ -272,27 +302,21 @@ impl<M: Message> Source for Input<M> {
             })
     }
 
-    fn advance_to(&mut self, episode: u32, step: u32) -> Result<bool, NodeError> {
+    fn advance_to(&mut self, episode: u32, step: u32) -> Result<Advance, PortError> {
         let wanted = (episode, step);
         loop {
             match self.position() {
-                Some(position) if position == wanted => return Ok(true),
-                Some((got_episode, got_step)) if (got_episode, got_step) > wanted => {
-                    return match self.receive {
-                        Receive::Newest => Ok(true),
-                        Receive::InOrder => Err(NodeError::Overtaken {
-                            topic: self.topic,
-                            episode,
-                            step,
-                            got_episode,
-                            got_step,
-                        }),
-                    };
+                Some(position) if position == wanted => return Ok(Advance::There),
+                Some(position) if position > wanted => {
+                    return Ok(match self.receive {
+                        Receive::Newest => Advance::There,
+                        Receive::InOrder => Advance::Passed,
+                    });
                 }
                 _ => {}
             }
             if !self.take()? {
-                return Ok(false);
+                return Ok(Advance::Waiting);
             }
         }
     }

@@ -5,8 +5,11 @@ use crate::clock::now_ns;
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
+use crate::node::command;
 use crate::output::{Output, Stamp};
 use crate::poll::Poll;
+use crate::report::state;
+use crate::role::Position;
 use crate::service::{open_bell, open_topic};
 use crate::shared::Shared;
 use crate::signal;
@@ -154,7 +157,7 @@ impl Launcher {
                         if report.header.run_id != self.arguments.run_id {
                             continue;
                         }
-                        if report.state == 4 {
+                        if report.state == state::FAILED {
                             return Err(NodeError::ProcessFailed {
                                 process,
                                 text: text_of(&report.text),
@@ -182,23 +185,33 @@ impl Launcher {
     /// [`PortError`].
     pub fn start(&mut self) -> Result<(), PortError> {
         self.shared.start_ns.set(now_ns());
-        self.command(1, u32::MAX, 0, 0)
+        self.command(command::START, u32::MAX, (0, 0))
     }
 
-    /// Starts one process, such as a restarted one, by its place in launch order.
+    /// Starts one process, such as one that stands by, by its place in launch order.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn start_process(&mut self, index: u32) -> Result<(), PortError> {
-        self.command(1, index, 0, 0)
+        self.command(command::START, index, (0, 0))
     }
 
-    /// Has a process take over from `step` on.
+    /// Has a process speak from `border` on, and starts it if it is not running yet. It answers with
+    /// [`state::BORDER`](crate::state::BORDER) or [`state::TOO_LATE`](crate::state::TOO_LATE).
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn take_over(&mut self, index: u32, step: u32) -> Result<(), PortError> {
-        self.command(3, index, step, 0)
+    pub fn take_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
+        self.command(command::TAKE_OVER, index, border)
+    }
+
+    /// Has a process be silent from `border` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It answers as for
+    /// [`Launcher::take_over`].
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn hand_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
+        self.command(command::HAND_OVER, index, border)
     }
 
     /// Asks everybody to end.
@@ -206,33 +219,43 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn stop(&mut self) -> Result<(), PortError> {
-        self.command(2, u32::MAX, 0, 0)
+        self.command(command::STOP, u32::MAX, (0, 0))
     }
 
-    /// Asks everybody for a report.
+    /// Asks one process to end.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn stop_process(&mut self, index: u32) -> Result<(), PortError> {
+        self.command(command::STOP, index, (0, 0))
+    }
+
+    /// Asks everybody for a report: who does not answer hangs.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn request_reports(&mut self) -> Result<(), PortError> {
-        self.command(4, u32::MAX, 0, 0)
+        self.command(command::REPORT, u32::MAX, (0, 0))
     }
 
-    fn command(
-        &mut self,
-        command: u32,
-        process: u32,
-        step: u32,
-        argument: u64,
-    ) -> Result<(), PortError> {
+    /// Has everybody connect to who joined, at once instead of when they next send or look up.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn connect_all(&mut self) -> Result<(), PortError> {
+        self.shared.connect();
+        self.command(command::CONNECT, u32::MAX, (0, 0))
+    }
+
+    fn command(&self, command: u32, process: u32, position: Position) -> Result<(), PortError> {
         let stamp = Stamp {
-            episode: 0,
-            step,
+            episode: position.0,
+            step: position.1,
             cause_ns: 0,
         };
         self.control.send_with(stamp, |control| {
             control.command = command;
             control.process = process;
-            control.argument = argument;
         })
     }
 

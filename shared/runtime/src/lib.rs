@@ -5,9 +5,9 @@
 //! own directory below the root and its own prefix for shared memory (see [`instance`]).
 //!
 //! What allocates, measured with [`CountingAllocator`] and read in iceoryx2 0.10's source: making nodes, services and
-//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning a message makes
-//! one small allocation inside iceoryx2 each time (a reference counter; its interface leaves no way around): these are
-//! counted apart ([`alloc_count::transport_allocations`]). Sending, notifying, receiving and releasing make none, and
+//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning a message takes
+//! one small block inside iceoryx2 each time (a reference counter); [`CountingAllocator`] hands it the block of an earlier
+//! loan, so that none is asked of the system. Sending, notifying, receiving and releasing make no allocation, and
 //! neither does [`Node::wait`], which calls `poll(2)` on the listeners' descriptors because iceoryx2's own wait set
 //! collects what woke it in a fresh vector each time. Its request-response allocates once more for every request received;
 //! see [`RequestServer`] for what is used instead.
@@ -25,6 +25,7 @@ mod node;
 mod output;
 mod poll;
 mod report;
+mod role;
 mod service;
 mod shared;
 mod signal;
@@ -36,10 +37,13 @@ pub use clock::{Ticker, now_ns};
 pub use digest::Digest;
 pub use error::{InstanceError, NodeError, PortError};
 pub use imagine::{RequestClient, RequestServer};
-pub use input::{Input, InputOptions, Receive, Source};
+pub use input::{Advance, Input, InputOptions, Receive, Source};
 pub use instance::{CleanupReport, InstanceLock, InstanceState, cleanup_dead, list_instances};
 pub use launcher::{Launcher, LauncherWake, process_descriptor, text_of};
 pub use node::{Node, Wake};
 pub use output::{Loan, Output, Stamp};
+pub use report::state;
+pub use role::{NEVER, Position};
 pub use service::{DEFAULT_BUFFER, RECORDER_BUFFER};
+pub use signal::name_thread;
 pub use timing::StageTimer;

@@ -5,9 +5,11 @@ use crate::arguments::RunArguments;
 use crate::clock::{Ticker, now_ns};
 use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
-use crate::input::{Input, InputOptions, Receive, Source};
+use crate::input::{Advance, Input, InputOptions, Receive, Source};
 use crate::output::Output;
 use crate::poll::Poll;
+use crate::report::state;
+use crate::role::Position;
 use crate::shared::Shared;
 use crate::signal;
 use crate::timing::StageTimer;
@@ -17,14 +19,28 @@ use std::rc::Rc;
 
 /// Steps after which the loop counts as steady: connections stand and buffers have their sizes.
 const WARM_UP_STEPS: u64 = 10;
+/// A process that stands by has caught up after as many steps in a row as the self-model's belief was trained over.
+const CATCH_UP_STEPS: u64 = 8;
 /// A blocked process looks up this often, to connect to those that joined meanwhile.
 const LOOK_UP_NS: u64 = 250_000_000;
+
+/// [`Control::command`].
+pub(crate) mod command {
+    pub const START: u32 = 1;
+    pub const STOP: u32 = 2;
+    pub const TAKE_OVER: u32 = 3;
+    pub const REPORT: u32 = 4;
+    pub const CONNECT: u32 = 5;
+    pub const HAND_OVER: u32 = 6;
+}
 
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wake {
     /// What was waited for is there.
     Message,
+    /// What was waited for in order will not come any more: a later message is there instead.
+    Passed,
     /// The deadline passed.
     Deadline,
     /// The process shall end: SIGTERM, SIGINT, the launcher's word or the launcher's death.
@@ -46,7 +62,9 @@ pub struct Node {
     allocations_before: [u64; 2],
     started: bool,
     stopped: bool,
-    take_over: Option<u32>,
+    /// Steps to read in silence before the process says that it has caught up; 0 once it has.
+    catch_up: u64,
+    pub(crate) skipped: u64,
     pub(crate) digest: [u8; 32],
 }
 
@@ -81,7 +99,8 @@ impl Node {
             allocations_before: [0; 2],
             started: false,
             stopped: false,
-            take_over: None,
+            catch_up: if arguments.standby { CATCH_UP_STEPS } else { 0 },
+            skipped: 0,
             digest: [0; 32],
         })
     }
@@ -147,7 +166,7 @@ impl Node {
     /// [`NodeError::Port`], [`NodeError::System`].
     pub fn ready(&mut self) -> Result<Wake, NodeError> {
         self.shared.connect();
-        self.send_report(1, "")?;
+        self.send_report(state::READY, "")?;
         while !self.started {
             if self.wait(&mut [], None)? == Wake::Stop {
                 return Ok(Wake::Stop);
@@ -170,9 +189,47 @@ impl Node {
         self.stopped || signal::stop_requested()
     }
 
-    /// The step from which on this process shall act, if the launcher had it take over from another.
-    pub fn take_over_step(&self) -> Option<u32> {
-        self.take_over
+    /// Whether it is this process's to send what is about this position: not while it stands by, and not from the border on
+    /// at which it handed over. [`Output`]s heed it by themselves; a process asks in order to leave out work.
+    pub fn speaks(&self, episode: u32, step: u32) -> bool {
+        self.shared.role.speaks((episode, step))
+    }
+
+    /// Whether the process stands by and does not know yet from when on it shall speak.
+    pub fn stands_by(&self) -> bool {
+        self.shared.role.stands_by()
+    }
+
+    /// Notes that this position passes without anything computed for it: a border there is refused from now on.
+    pub fn pass(&self, episode: u32, step: u32) {
+        self.shared.role.note_passed((episode, step));
+    }
+
+    /// The process needs no catching up: it keeps nothing from step to step.
+    pub fn needs_no_catching_up(&mut self) {
+        self.catch_up = self.catch_up.min(1);
+    }
+
+    /// Waits until the process speaks of this position, for one that stands by without reading.
+    ///
+    /// # Errors
+    /// As [`Node::wait`].
+    pub fn wait_turn(&mut self, episode: u32, step: u32) -> Result<Wake, NodeError> {
+        let shared = self.shared.clone();
+        self.wait_until(&mut [], None, |_| Ok(shared.role.speaks((episode, step))))
+    }
+
+    /// Tells the launcher that the process has come to the border from which on it is silent.
+    ///
+    /// # Errors
+    /// [`NodeError::Port`].
+    pub fn retire(&mut self) -> Result<(), NodeError> {
+        Ok(self.send_report(state::RETIRED, "")?)
+    }
+
+    /// From where on the process speaks.
+    pub fn turn(&self) -> Position {
+        self.shared.role.from()
     }
 
     /// Waits until a message waits at any of `sources`, or until `deadline_ns` ([`now_ns`]).
@@ -195,9 +252,11 @@ impl Node {
     }
 
     /// Waits until every one of `sources` holds its message of this episode and step as the current one: lockstep.
+    /// [`Wake::Passed`] if an in-order source has a later message instead, as it happens to one that joins late or after
+    /// a death.
     ///
     /// # Errors
-    /// [`NodeError::Overtaken`] if an in-order source has a later message instead; as [`Node::wait`].
+    /// As [`Node::wait`].
     pub fn wait_step(
         &mut self,
         sources: &mut [&mut dyn Source],
@@ -205,13 +264,23 @@ impl Node {
         step: u32,
         deadline_ns: Option<u64>,
     ) -> Result<Wake, NodeError> {
-        self.wait_until(sources, deadline_ns, |sources| {
+        let mut passed = false;
+        let wake = self.wait_until(sources, deadline_ns, |sources| {
             let mut complete = true;
             for source in sources.iter_mut() {
-                complete &= source.advance_to(episode, step)?;
+                match source.advance_to(episode, step)? {
+                    Advance::There => {}
+                    Advance::Waiting => complete = false,
+                    Advance::Passed => passed = true,
+                }
             }
-            Ok(complete)
-        })
+            Ok(complete || passed)
+        })?;
+        if passed && wake == Wake::Message {
+            self.skipped += 1;
+            return Ok(Wake::Passed);
+        }
+        Ok(wake)
     }
 
     /// Waits for the ticker's next beat, ignoring messages, and counts the beats missed before it.
@@ -245,12 +314,11 @@ impl Node {
             if is_done(sources)? {
                 break Wake::Message;
             }
-            self.serve_control()?;
-            if self.stop_requested() {
-                break Wake::Stop;
-            }
-            if self.started != was_started {
-                break Wake::Message;
+            if self.serve_control()? {
+                if self.started != was_started {
+                    break Wake::Message;
+                }
+                continue;
             }
             let now = now_ns();
             if deadline_ns.is_some_and(|deadline| now >= deadline) {
@@ -302,8 +370,11 @@ impl Node {
         Ok(())
     }
 
-    fn serve_control(&mut self) -> Result<(), NodeError> {
+    /// Heeds what the launcher says; false if it said nothing.
+    fn serve_control(&mut self) -> Result<bool, NodeError> {
+        let mut heard = false;
         while self.control.take()? {
+            heard = true;
             let Some(control) = self.control.message() else {
                 break;
             };
@@ -315,21 +386,44 @@ impl Node {
             {
                 continue;
             }
+            let border = (control.header.episode, step);
             match command {
-                1 | 3 => {
-                    if command == 3 {
-                        self.take_over = Some(step);
-                    }
-                    if !self.started {
-                        self.started = true;
+                command::START | command::TAKE_OVER => {
+                    // Who joins later does not miss what was sent before.
+                    if !self.started && process == u32::MAX {
                         self.shared.start_ns.set(sent_ns);
                     }
+                    self.started = true;
+                    if command == command::TAKE_OVER {
+                        self.take_over(border)?;
+                    }
                 }
-                2 => self.stopped = true,
-                4 => self.send_report(2, "")?,
+                command::STOP => self.stopped = true,
+                command::REPORT => self.send_report(state::RUNNING, "")?,
+                command::CONNECT => self.shared.connect(),
+                command::HAND_OVER => {
+                    let done = self.shared.role.hand_over(border);
+                    self.shared.release();
+                    self.send_report(if done { state::BORDER } else { state::TOO_LATE }, "")?;
+                }
                 _ => {}
             }
         }
+        Ok(heard)
+    }
+
+    fn take_over(&mut self, border: Position) -> Result<(), NodeError> {
+        let done = self.shared.role.take_over(border);
+        if done {
+            // What a process missed while it stood by is missing nowhere.
+            for counter in self.shared.counters.borrow().iter() {
+                counter.forget();
+            }
+            self.skipped = 0;
+            self.shared.connect();
+            self.shared.release();
+        }
+        self.send_report(if done { state::BORDER } else { state::TOO_LATE }, "")?;
         Ok(())
     }
 
@@ -346,6 +440,13 @@ impl Node {
             }
         }
         self.allocations_before = allocations;
+        if self.catch_up > 0 {
+            self.catch_up -= 1;
+            if self.catch_up == 0 && self.stands_by() {
+                // A report that cannot be sent is missed by the launcher, which then says so.
+                let _ = self.send_report(state::CAUGHT_UP, "");
+            }
+        }
     }
 
     /// Steps ended so far.
@@ -358,8 +459,8 @@ impl Node {
         self.missed += missed;
     }
 
-    /// Heap allocations of this thread since the loop became steady (ten steps), without the one that iceoryx2 makes for
-    /// every message it loans; needs [`CountingAllocator`](crate::CountingAllocator).
+    /// Heap allocations of this thread since the loop became steady (ten steps), the transport's included; needs
+    /// [`CountingAllocator`](crate::CountingAllocator).
     pub fn steady_allocations(&self) -> u64 {
         self.allocations[0]
     }
@@ -374,8 +475,7 @@ impl Drop for Node {
     }
 }
 
-/// This thread's allocations: the process's own, iceoryx2's.
+/// This thread's allocations: all, and those of them that iceoryx2 made while loaning.
 fn allocations_now() -> [u64; 2] {
-    let transport = transport_allocations();
-    [allocations() - transport, transport]
+    [allocations(), transport_allocations()]
 }

@@ -3,9 +3,10 @@
 use crate::alloc_count::in_transport;
 use crate::clock::now_ns;
 use crate::error::PortError;
+use crate::role::Position;
 use crate::service::{Ipc, Sizes, open_bell, open_topic};
 use crate::shared::Shared;
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 use core::mem::MaybeUninit;
 use core::ops::{Deref, DerefMut};
 use iceoryx2::port::notifier::Notifier;
@@ -14,7 +15,8 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::EventId;
 use iceoryx2::sample_mut::SampleMut;
 use messages::{Header, Message};
-use std::rc::Rc;
+use std::collections::VecDeque;
+use std::rc::{Rc, Weak};
 
 /// Where in the run a message belongs, and what it goes back to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,6 +39,11 @@ impl Stamp {
         }
     }
 
+    /// Where in the run that is.
+    pub fn position(&self) -> Position {
+        (self.episode, self.step)
+    }
+
     /// A message about the step after this one, such as a decision for k + 1.
     pub fn next(self) -> Self {
         Self {
@@ -55,17 +62,83 @@ impl Stamp {
     }
 }
 
-/// Something that a node keeps connected while it waits.
+/// A port, as its node sees it.
 pub(crate) trait Connect {
+    /// Connects it to those that others made since.
     fn connect(&self);
+    /// Sends what it held back and may now say.
+    fn release(&self);
 }
 
+/// Messages that an output holds back: in lockstep, nobody is further ahead of a process that is silent.
+const MOST_HELD: usize = 4;
+
 struct Core<M: Message> {
+    topic: &'static str,
     publisher: Publisher<Ipc, M, ()>,
     notifier: Notifier<Ipc>,
+    sequence: Cell<u64>,
+    /// Whether the process's [`Role`](crate::role::Role) decides what is sent.
+    gated: bool,
+    /// Written while the process had to be silent.
+    held: RefCell<VecDeque<(Stamp, SampleMut<Ipc, M, ()>)>>,
+    shared: Weak<Shared>,
+}
+
+impl<M: Message> Core<M> {
+    /// Sends a message whose header is complete but for its number and time, and wakes those who wait for it.
+    fn send(&self, mut sample: SampleMut<Ipc, M, ()>) -> Result<(), PortError> {
+        let sequence = self.sequence.get();
+        self.sequence.set(sequence + 1);
+        if let Some(header) = sample.payload_mut().header_mut() {
+            header.sequence = sequence;
+            header.sent_ns = now_ns();
+        }
+        let failed = |reason: String| PortError::Send {
+            topic: self.topic,
+            reason,
+        };
+        sample
+            .send()
+            .map_err(|error| failed(format!("{error:?}")))?;
+        self.notifier
+            .notify()
+            .map_err(|error| failed(format!("{error:?}")))?;
+        Ok(())
+    }
+
+    fn hold(&self, stamp: Stamp, sample: SampleMut<Ipc, M, ()>) {
+        let mut held = self.held.borrow_mut();
+        if held.len() == MOST_HELD
+            && let Some((oldest, _)) = held.pop_front()
+            && let Some(shared) = self.shared.upgrade()
+        {
+            shared.role.note_passed(oldest.position());
+        }
+        held.push_back((stamp, sample));
+    }
 }
 
 impl<M: Message> Connect for Core<M> {
+    fn release(&self) {
+        let Some(shared) = self.shared.upgrade() else {
+            return;
+        };
+        let mut held = self.held.borrow_mut();
+        for _ in 0..held.len() {
+            let Some((stamp, sample)) = held.pop_front() else {
+                break;
+            };
+            if shared.role.speaks(stamp.position()) {
+                // What fails here fails again, and is reported, at the next send.
+                let _ = self.send(sample);
+                shared.role.note_sent(stamp.position());
+            } else {
+                held.push_back((stamp, sample));
+            }
+        }
+    }
+
     fn connect(&self) {
         // What fails here fails again, and is reported, at the next send.
         let _ = self.publisher.update_connections();
@@ -78,7 +151,6 @@ pub struct Output<M: Message> {
     topic: &'static str,
     core: Rc<Core<M>>,
     shared: Rc<Shared>,
-    sequence: Cell<u64>,
 }
 
 impl<M: Message> Output<M> {
@@ -87,10 +159,10 @@ impl<M: Message> Output<M> {
             topic: topic.to_owned(),
             reason,
         };
-        let slots = Sizes::of::<M>(topic).slots;
+        let Sizes { slots, gated, .. } = Sizes::of::<M>(topic);
         let publisher = open_topic::<M>(&shared.node, topic)?
             .publisher_builder()
-            .max_loaned_samples(4)
+            .max_loaned_samples(MOST_HELD + 4)
             // A service's arithmetic would reserve the recorder's buffer for everybody; see `Sizes`.
             .override_sample_preallocation(move |_| slots)
             .create()
@@ -101,16 +173,20 @@ impl<M: Message> Output<M> {
             .create()
             .map_err(|error| create(format!("{error:?}")))?;
         let core = Rc::new(Core {
+            topic,
             publisher,
             notifier,
+            sequence: Cell::new(0),
+            gated,
+            held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
+            shared: Rc::downgrade(shared),
         });
-        let weak: std::rc::Weak<dyn Connect> = Rc::downgrade(&(core.clone() as Rc<dyn Connect>));
+        let weak: Weak<dyn Connect> = Rc::downgrade(&(core.clone() as Rc<dyn Connect>));
         shared.ports.borrow_mut().push(weak);
         Ok(Self {
             topic,
             core,
             shared: shared.clone(),
-            sequence: Cell::new(0),
         })
     }
 
@@ -121,7 +197,7 @@ impl<M: Message> Output<M> {
 
     /// Messages sent so far.
     pub fn sent(&self) -> u64 {
-        self.sequence.get()
+        self.core.sequence.get()
     }
 
     /// A message in shared memory, all zeros, to be written in place and sent.
@@ -168,16 +244,13 @@ impl<M: Message> Output<M> {
     }
 
     fn stamp(&self, message: &mut M, stamp: Stamp) {
-        let sequence = self.sequence.get();
-        self.sequence.set(sequence + 1);
         if let Some(header) = message.header_mut() {
-            let now = now_ns();
             *header = Header {
                 run_id: self.shared.run_id,
-                sequence,
-                sent_ns: now,
+                sequence: 0,
+                sent_ns: 0,
                 cause_ns: stamp.cause_ns,
-                compute_ns: self.shared.computed_ns(now),
+                compute_ns: self.shared.computed_ns(now_ns()),
                 episode: stamp.episode,
                 step: stamp.step,
             };
@@ -192,26 +265,23 @@ pub struct Loan<'output, M: Message> {
 }
 
 impl<M: Message> Loan<'_, M> {
-    /// Stamps the header, sends the message and wakes those who wait for it.
+    /// Stamps the header, sends the message and wakes those who wait for it. A process that stands by, or has handed
+    /// over, holds it back instead: see [`Node::speaks`](crate::Node::speaks).
     ///
     /// # Errors
     /// [`PortError::Send`].
     pub fn send(mut self, stamp: Stamp) -> Result<(), PortError> {
         let output = self.output;
         output.stamp(self.sample.payload_mut(), stamp);
-        let failed = |reason: String| PortError::Send {
-            topic: output.topic,
-            reason,
-        };
-        self.sample
-            .send()
-            .map_err(|error| failed(format!("{error:?}")))?;
-        output
-            .core
-            .notifier
-            .notify()
-            .map_err(|error| failed(format!("{error:?}")))?;
-        Ok(())
+        if output.core.gated {
+            let role = &output.shared.role;
+            if !role.speaks(stamp.position()) {
+                output.core.hold(stamp, self.sample);
+                return Ok(());
+            }
+            role.note_sent(stamp.position());
+        }
+        output.core.send(self.sample)
     }
 }
 

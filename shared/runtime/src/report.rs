@@ -5,6 +5,26 @@ use crate::node::Node;
 use crate::output::Stamp;
 use crate::timing::StageTimer;
 
+/// [`Report::state`](messages::Report::state).
+pub mod state {
+    /// All ports stand.
+    pub const READY: u32 = 1;
+    /// An answer to the launcher's question, or a line for people.
+    pub const RUNNING: u32 = 2;
+    /// The run ended well.
+    pub const FINISHED: u32 = 3;
+    /// The process cannot go on.
+    pub const FAILED: u32 = 4;
+    /// It stands by and knows enough to take over.
+    pub const CAUGHT_UP: u32 = 5;
+    /// It will take over, or hand over, at the border that it was given.
+    pub const BORDER: u32 = 6;
+    /// That border has passed already.
+    pub const TOO_LATE: u32 = 7;
+    /// It has come to the border from which on it is silent; only those say so that hand over between two episodes.
+    pub const RETIRED: u32 = 8;
+}
+
 impl Node {
     /// The histogram of compute times.
     pub fn timer(&self) -> &StageTimer {
@@ -36,7 +56,7 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn finish(&mut self) -> Result<(), PortError> {
-        self.send_report(3, "")
+        self.send_report(state::FINISHED, "")
     }
 
     /// Tells the launcher why the process cannot go on, in at most 256 bytes.
@@ -44,7 +64,7 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn fail(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(4, text)
+        self.send_report(state::FAILED, text)
     }
 
     /// Sends a report with a line for people.
@@ -52,12 +72,18 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn say(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(2, text)
+        self.send_report(state::RUNNING, text)
     }
 
     pub(crate) fn send_report(&self, state: u32, text: &str) -> Result<(), PortError> {
         let counters = self.shared.counters.borrow();
-        self.report.send_with(Stamp::default(), |report| {
+        let (episode, step) = self.shared.role.sent().unwrap_or_default();
+        let stamp = Stamp {
+            episode,
+            step,
+            cause_ns: 0,
+        };
+        self.report.send_with(stamp, |report| {
             copy_text(&mut report.process, &self.arguments.process);
             copy_text(&mut report.text, text);
             report.compute_ns = self.timer.summary_ns();

@@ -16,6 +16,9 @@ pub(crate) type Bell = event::PortFactory<Ipc>;
 pub const DEFAULT_BUFFER: usize = 64;
 /// Messages that the recorder's inputs hold: half a second of the fastest lockstep run.
 pub const RECORDER_BUFFER: usize = 1024;
+/// Messages that somebody who joins late still gets: what a process that starts again after a death needs for the step
+/// at which the others wait for it, and the steps before it to catch up on.
+pub const HISTORY: usize = 8;
 /// From this size on a message is a bulk transfer between two processes (imagination) rather than state.
 const BULK_BYTES: usize = 64 << 10;
 
@@ -32,6 +35,8 @@ pub(crate) struct Sizes {
     pub(crate) history: usize,
     /// Messages that a publisher's shared memory has room for.
     pub(crate) slots: usize,
+    /// Whether a process that stands by holds back what it would say here.
+    pub(crate) gated: bool,
 }
 
 impl Sizes {
@@ -39,11 +44,13 @@ impl Sizes {
         if size_of::<M>() >= BULK_BYTES {
             Self {
                 buffer: 4,
-                subscribers: 2,
+                // Somebody who takes over listens beside the one who still speaks.
+                subscribers: 4,
                 publishers: 4,
                 borrowed: 2,
                 history: 0,
-                slots: 14,
+                slots: 24,
+                gated: false,
             }
         } else if topic.starts_with("run/") {
             Self {
@@ -53,18 +60,20 @@ impl Sizes {
                 borrowed: 4,
                 history: 1,
                 slots: 512,
+                gated: false,
             }
         } else {
             // One recorder and eight others may each have stalled with another set of messages in hand.
             let (buffer, borrowed) = (RECORDER_BUFFER, 4);
-            let slots = RECORDER_BUFFER + 8 * (DEFAULT_BUFFER + borrowed) + 8;
+            let slots = RECORDER_BUFFER + 8 * (DEFAULT_BUFFER + borrowed) + HISTORY + 16;
             Self {
                 buffer,
                 subscribers: 16,
                 publishers: 4,
                 borrowed,
-                history: 1,
+                history: HISTORY,
                 slots,
+                gated: true,
             }
         }
     }

@@ -5,6 +5,7 @@ use crate::clock::now_ns;
 use crate::error::NodeError;
 use crate::input::Counter;
 use crate::output::Connect;
+use crate::role::Role;
 use crate::service::Ipc;
 use crate::{instance, signal};
 use core::cell::{Cell, RefCell};
@@ -23,6 +24,8 @@ pub(crate) struct Shared {
     banked_ns: Cell<u64>,
     pub(crate) ports: RefCell<Vec<Weak<dyn Connect>>>,
     pub(crate) counters: RefCell<Vec<Rc<Counter>>>,
+    /// From when to when the process speaks.
+    pub(crate) role: Role,
 }
 
 impl Shared {
@@ -51,6 +54,7 @@ impl Shared {
             banked_ns: Cell::new(0),
             ports: RefCell::new(Vec::new()),
             counters: RefCell::new(Vec::new()),
+            role: Role::new(arguments.standby),
         }))
     }
 
@@ -70,6 +74,15 @@ impl Shared {
     pub(crate) fn begin_step(&self, now: u64) {
         self.banked_ns.set(0);
         self.wake_ns.set(now);
+    }
+
+    /// Sends what was held back and is now this process's to say.
+    pub(crate) fn release(&self) {
+        for port in self.ports.borrow().iter() {
+            if let Some(port) = port.upgrade() {
+                port.release();
+            }
+        }
     }
 
     /// Connects the ports to those that others made since.

@@ -128,3 +128,11 @@ pub(crate) fn follow_launcher(arguments: &crate::RunArguments) -> Result<RawFd, 
         Ok(descriptor)
     }
 }
+
+/// Names this thread for `ps` and `top`, in at most 15 bytes.
+pub fn name_thread(name: &str) {
+    if let Ok(name) = std::ffi::CString::new(name) {
+        // SAFETY: a zero-terminated text, of which the system copies what it has room for.
+        unsafe { libc::prctl(libc::PR_SET_NAME, name.as_ptr()) };
+    }
+}

@@ -119,11 +119,11 @@ fn human(node: &mut Node) -> Result<(), NodeError> {
         return Ok(());
     }
     while node.wait(&mut [server.source()], None)? == Wake::Message {
-        while server.serve(|question, answer| {
+        server.serve_all(node, |question, answer| {
             for row in 0..question.rows as usize {
                 answer.action[row] = [question.lidar[row][0], question.group as f32];
             }
-        })? {}
+        })?;
         node.end_step();
     }
     Ok(())

@@ -1,0 +1,98 @@
+//! `mirror swap`: asks a running set to replace one of its processes, and shows what came of it.
+
+use crate::cli::SwapArguments;
+use crate::failure::Failure;
+use crate::inputs;
+use crate::up::door::{self, Question, Replacement};
+use anyhow::{Context, Result, bail};
+use runtime::instance::{self, default_root};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Runs `mirror swap`.
+pub fn swap(arguments: &SwapArguments) -> Result<ExitCode, Failure> {
+    let (directory, report_to, question) = prepare(arguments).map_err(Failure::refused)?;
+    let report = door::ask(&directory, &question)?;
+    print(&report);
+    if let Some(path) = report_to {
+        let text = serde_json::to_string_pretty(&report).context("the report")?;
+        std::fs::write(&path, text + "\n").with_context(|| path.display().to_string())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn prepare(arguments: &SwapArguments) -> Result<(PathBuf, Option<PathBuf>, Question)> {
+    let report = match &arguments.report {
+        Some(path) => Some(inputs::writable("--report", path)?),
+        None => None,
+    };
+    // The running set stands in another folder, perhaps.
+    let implants = match &arguments.implants {
+        Some(path) => Some(
+            path.canonicalize()
+                .with_context(|| format!("--implants {}", path.display()))?,
+        ),
+        None => None,
+    };
+    let question = Question::Swap(Replacement {
+        process: arguments.process.clone(),
+        kind: arguments.kind.clone(),
+        exec: arguments.exec.clone(),
+        implants,
+    });
+    Ok((running(arguments.instance.as_deref())?, report, question))
+}
+
+/// The directory of the running set of that name, or of the only one.
+///
+/// # Errors
+/// When there is none, or several to choose from.
+pub fn running(name: Option<&str>) -> Result<PathBuf> {
+    let root = default_root();
+    let running: Vec<_> = instance::list_instances(&root)?
+        .into_iter()
+        .filter(|instance| instance.launcher.is_some())
+        .map(|instance| instance.instance)
+        .collect();
+    let chosen = match (name, running.as_slice()) {
+        (Some(name), names) if names.iter().any(|running| running == name) => name,
+        (Some(name), []) => bail!("--instance {name}: no process set is running"),
+        (Some(name), names) => {
+            bail!("--instance {name} is not running; {} are", names.join(", "))
+        }
+        (None, [only]) => only,
+        (None, []) => bail!("no process set is running; start one with `mirror up`"),
+        (None, names) => bail!(
+            "several process sets are running: choose one with --instance ({})",
+            names.join(", ")
+        ),
+    };
+    Ok(instance::directory(&root, chosen))
+}
+
+fn print(report: &serde_json::Value) {
+    let text = |key: &str| report[key].as_str().unwrap_or_default().to_owned();
+    let number = |key: &str| report[key].as_f64().unwrap_or_default();
+    println!("{}: {} → {}", text("process"), text("from"), text("to"));
+    if let [episode, step] = report["border"].as_array().map_or(&[][..], Vec::as_slice) {
+        println!("  the new process speaks from episode {episode} step {step} on");
+    }
+    println!(
+        "  steps without an answer {}, late answers {}, messages lost {}",
+        number("ticks_without_answer"),
+        number("late_answers"),
+        number("lost_messages")
+    );
+    println!(
+        "  learning {:.0} ms, start {:.0} ms, catching up {:.0} ms, agreement {:.1} ms, to the border {:.0} ms; longest pause {:.1} ms",
+        number("learn_ms"),
+        number("start_ms"),
+        number("catch_up_ms"),
+        number("agree_ms"),
+        number("cross_ms"),
+        number("longest_gap_ms")
+    );
+    if report["old_died"] == true {
+        println!("  the old process died before the border; the new one took over at once");
+    }
+}

@@ -1,0 +1,492 @@
+//! A run from its start to the end of its last process.
+
+use super::children::{Children, Ended, Phase};
+use super::door::{Answer, Door, Question};
+use super::heads::Heads;
+use super::plan::Plan;
+use super::summary::Ending;
+use super::supervise::{ASK_NS, HANG_NS, Supervisor, next_border};
+use super::swap::{Around, Finished, Swap};
+use super::tally::Tally;
+use crate::process::NAMES;
+use crate::screen::Screen;
+use anyhow::{Context, Result};
+use messages::Report;
+use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
+
+const MS: u64 = 1_000_000;
+/// How long processes may take to read their models and make their ports.
+const READY_NS: u64 = 60_000 * MS;
+/// How often the status line and the counts are brought up to date.
+const LOOK_NS: u64 = 50 * MS;
+/// After the word to stop, a process has this long …
+const STOP_NS: u64 = 3_000 * MS;
+/// … and a recorder, which may still be writing, this long.
+const STOP_RECORDER_NS: u64 = 20_000 * MS;
+/// After SIGTERM.
+const TERM_NS: u64 = 2_000 * MS;
+/// Place of the world in launch order.
+const WORLD: usize = 0;
+/// Place of the recorder.
+pub const RECORDER: usize = NAMES.len() - 1;
+
+/// A run.
+pub struct Run<'a> {
+    plan: Plan,
+    launcher: &'a mut Launcher,
+    screen: &'a Screen,
+    children: Children,
+    tally: Tally,
+    heads: Heads,
+    supervisor: Supervisor,
+    door: Door,
+    swap: Option<Swap>,
+    ending: Ending,
+    started_ns: u64,
+    asked_ns: u64,
+    looked_ns: u64,
+    /// Time and steps when the rate was last taken, and the rate in steps a second.
+    rate: (u64, u64, f64),
+}
+
+impl<'a> Run<'a> {
+    /// Starts the processes.
+    ///
+    /// # Errors
+    /// When one cannot be started.
+    pub fn open(plan: Plan, launcher: &'a mut Launcher, screen: &'a Screen) -> Result<Self> {
+        let step_s = plan.scene.scene.step_s();
+        let step_ns = (1e9 * step_s / plan.scene.scene.clock.rate) as u64;
+        let tally = Tally::new(launcher, step_s)?;
+        let heads = Heads::new(launcher, step_ns)?;
+        let door = Door::open(&launcher.arguments().directory())?;
+        let supervisor = Supervisor::new(plan.restarts);
+        let mut children = Children::new();
+        children.start_all(&plan, launcher, screen)?;
+        Ok(Self {
+            plan,
+            launcher,
+            screen,
+            children,
+            tally,
+            heads,
+            supervisor,
+            door,
+            swap: None,
+            ending: Ending::default(),
+            started_ns: now_ns(),
+            asked_ns: 0,
+            looked_ns: now_ns(),
+            rate: (now_ns(), 0, 0.0),
+        })
+    }
+
+    /// The run, to its end.
+    ///
+    /// # Errors
+    /// When the set does not start, or the launcher's own means fail; nobody is left alive.
+    pub fn complete(&mut self) -> Result<Ending> {
+        let result = self.start_watch_stop();
+        if result.is_err() {
+            self.children.end();
+        }
+        result?;
+        self.children.drain_output();
+        self.tally.update()?;
+        let result = self.plan.recorder_result(self.launcher.arguments());
+        if let Ok(text) = std::fs::read_to_string(&result) {
+            self.ending.recording =
+                Some(serde_json::from_str(&text).context("the recorder's result")?);
+        }
+        self.launcher.clean()?;
+        let mut ending = std::mem::take(&mut self.ending);
+        ending.deaths = std::mem::take(&mut self.supervisor.deaths);
+        ending.restarts = self.supervisor.restarts;
+        ending.hangs = self.supervisor.hangs;
+        Ok(ending)
+    }
+
+    /// What is left of a run that is over.
+    pub fn close(self) -> (Plan, Tally) {
+        let mut tally = self.tally;
+        tally.close();
+        (self.plan, tally)
+    }
+
+    fn start_watch_stop(&mut self) -> Result<()> {
+        let ready =
+            self.launcher
+                .wait_ready(&NAMES, &self.children.descriptors(), now_ns() + READY_NS);
+        ready.context("the process set did not start")?;
+        self.launcher.start()?;
+        self.children.all_speak();
+        self.started_ns = now_ns();
+        let watched = self.watch();
+        self.ending.wall_seconds = (now_ns() - self.started_ns) as f64 * 1e-9;
+        watched?;
+        if let Some(swap) = self.swap.take() {
+            let finished = Finished::Failed("the run ended before the border".to_owned());
+            self.finish_swap(swap, finished)?;
+        }
+        self.stop()
+    }
+
+    /// Until the world has finished, or something ends the run before.
+    fn watch(&mut self) -> Result<()> {
+        while self.ending.ended_early.is_none() {
+            let mut watched = self.children.descriptors();
+            let living = watched.len();
+            watched.extend(self.door.descriptors());
+            match self.launcher.wait(&watched, Some(self.next_look_ns()))? {
+                LauncherWake::Report => {
+                    if self.take_reports()? {
+                        return Ok(());
+                    }
+                }
+                LauncherWake::Child(at) if at < living => {
+                    if self.bury(at)? {
+                        return Ok(());
+                    }
+                }
+                LauncherWake::Child(_) => self.answer_the_door()?,
+                LauncherWake::Stop => self.ending.ended_early = Some("interrupted".to_owned()),
+                LauncherWake::Deadline => {}
+            }
+            self.look()?;
+        }
+        Ok(())
+    }
+
+    fn next_look_ns(&self) -> u64 {
+        let look = self.looked_ns + LOOK_NS;
+        self.supervisor
+            .next_due_ns()
+            .map_or(look, |due| due.min(look))
+    }
+
+    /// What is due: restarts, questions to everybody, the next stage of a swap, the status line.
+    fn look(&mut self) -> Result<()> {
+        let now = now_ns();
+        while let Some(place) = self.supervisor.due() {
+            self.screen
+                .warn(&format!("mirror: starting {} again", NAMES[place]));
+            if place == RECORDER {
+                self.plan.next_part();
+            }
+            self.children
+                .start(&self.plan, self.launcher, self.screen, place, true)?;
+        }
+        if self.swap.is_some() {
+            self.heads.update()?;
+            self.with_swap(|swap, around| swap.go_on(around))?;
+        }
+        if now.saturating_sub(self.looked_ns) < LOOK_NS {
+            return Ok(());
+        }
+        // A launcher that was stopped itself hears nobody.
+        let i_was_away = now - self.looked_ns > HANG_NS / 2;
+        self.looked_ns = now;
+        self.tally.update()?;
+        self.heads.update()?;
+        self.ask_around(now, i_was_away)?;
+        let (then, steps, _) = self.rate;
+        if now - then > 500 * MS {
+            let done = self.tally.steps();
+            let rate = done.saturating_sub(steps) as f64 * 1e9 / (now - then) as f64;
+            self.rate = (now, done, rate);
+        }
+        self.show_status();
+        Ok(())
+    }
+
+    /// Asks everybody whether they are there, and kills who has not answered for long.
+    fn ask_around(&mut self, now: u64, i_was_away: bool) -> Result<()> {
+        if now - self.asked_ns > ASK_NS {
+            self.asked_ns = now;
+            self.launcher.request_reports()?;
+        }
+        let silent: Vec<_> = self
+            .children
+            .living()
+            .iter()
+            .filter(|child| matches!(child.phase, Phase::Speaking | Phase::StandingBy))
+            .filter(|child| now.saturating_sub(child.heard_ns) > HANG_NS)
+            .map(|child| child.index)
+            .collect();
+        for index in silent {
+            let Some(child) = self.children.get_mut(index) else {
+                continue;
+            };
+            if i_was_away {
+                child.heard_ns = now;
+            } else if child.why.is_none() {
+                let seconds = HANG_NS as f64 * 1e-9;
+                child.why = Some(format!("it had not answered for {seconds} s"));
+                child.signal(libc::SIGKILL);
+                self.supervisor.hangs += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in what the processes report; true if the world has finished.
+    fn take_reports(&mut self) -> Result<bool> {
+        let mut over = false;
+        while let Some(report) = self.launcher.next_report()? {
+            over |= self.take_report(&report)?;
+        }
+        Ok(over)
+    }
+
+    fn take_report(&mut self, report: &Report) -> Result<bool> {
+        let Some(child) = self.children.get_mut(report.index) else {
+            return Ok(false);
+        };
+        if report.header.run_id != self.launcher.arguments().run_id {
+            return Ok(false);
+        }
+        let text = text_of(&report.text);
+        child.heard_ns = now_ns();
+        if report.state == state::FAILED {
+            child.why = Some(text.clone());
+        } else if !text.is_empty() {
+            self.screen.warn(&format!("{}: {text}", NAMES[child.place]));
+        }
+        let (place, phase) = (child.place, child.phase);
+        if phase == Phase::Speaking {
+            self.ending.reports[place] = Some(*report);
+        }
+        let swap = self.swap.as_ref();
+        if swap.is_some_and(|swap| swap.place() == place) {
+            self.heads.update()?;
+            self.with_swap(|swap, around| swap.hear(report, around))?;
+        } else if phase == Phase::Starting && report.state == state::READY {
+            self.put_back(report.index, place)?;
+        }
+        Ok(place == WORLD && phase == Phase::Speaking && report.state == state::FINISHED)
+    }
+
+    /// A process that was started again goes on where its predecessor stopped.
+    fn put_back(&mut self, index: u32, place: usize) -> Result<()> {
+        self.tally.update()?;
+        self.heads.update()?;
+        let border = if place == RECORDER {
+            (0, 0) // also what is left of the time when nobody recorded
+        } else {
+            next_border(&self.heads, place)
+        };
+        if let Some(child) = self.children.get_mut(index) {
+            child.phase = Phase::Speaking;
+        }
+        self.launcher.take_over(index, border)?;
+        self.launcher.connect_all()?;
+        self.supervisor.is_back(place);
+        Ok(())
+    }
+
+    /// Takes note that a process has ended; true if the run is over with it.
+    fn bury(&mut self, at: usize) -> Result<bool> {
+        // Its last words come before its end.
+        if self.take_reports()? {
+            return Ok(true);
+        }
+        self.tally.update()?;
+        self.heads.update()?;
+        let ended = self.children.reap(at)?;
+        self.launcher.clean()?;
+        let Ended {
+            place,
+            index,
+            phase,
+            ref how,
+        } = ended;
+        let swaps_here = self.swap.as_ref().is_some_and(|swap| swap.place() == place);
+        let was_new = self.swap.as_ref().and_then(Swap::new_index) == Some(index);
+        if swaps_here {
+            self.with_swap(|swap, around| swap.child_ended(index, how, around))?;
+        }
+        if phase == Phase::Leaving || (was_new && phase != Phase::Speaking) {
+            return Ok(false);
+        }
+        self.screen.warn(&format!("mirror: {} {how}", NAMES[place]));
+        if place == WORLD && self.episodes_left() == 0 {
+            self.supervisor.bury(&ended, &self.heads);
+            return Ok(true);
+        }
+        if let Some(reason) = self.supervisor.bury(&ended, &self.heads) {
+            self.ending.ended_early = Some(reason);
+        } else if swaps_here && self.swap.is_some() {
+            self.supervisor.is_filled(place); // by the one that stood by
+        }
+        Ok(false)
+    }
+
+    /// Episodes that a new world could still drive.
+    fn episodes_left(&self) -> u32 {
+        let (episode, _) = next_border(&self.heads, WORLD);
+        self.plan.episodes.saturating_sub(episode)
+    }
+
+    fn answer_the_door(&mut self) -> Result<()> {
+        while let Some((visitor, question)) = self.door.next() {
+            match question {
+                Err(why) => visitor.tell(&Answer::Refused(why)),
+                Ok(Question::Status) => visitor.tell(&Answer::Done(self.status())),
+                Ok(Question::Swap(_)) if self.swap.is_some() => {
+                    visitor.tell(&Answer::Refused("another swap is under way".to_owned()));
+                }
+                Ok(Question::Swap(asked)) => {
+                    self.heads.forget_gaps();
+                    let (plan, lost) = (self.plan.clone(), self.lost());
+                    let begun = Swap::begin(&plan, &asked, visitor, &mut self.around(lost));
+                    match begun {
+                        Ok(swap) => self.swap = Some(swap),
+                        Err((visitor, error)) => {
+                            visitor.tell(&Answer::Refused(format!("{error:#}")));
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn around(&mut self, lost: u64) -> Around<'_> {
+        Around {
+            launcher: self.launcher,
+            children: &mut self.children,
+            heads: &self.heads,
+            screen: self.screen,
+            lost,
+            rate: self.rate.2,
+        }
+    }
+
+    fn with_swap(
+        &mut self,
+        act: impl FnOnce(&mut Swap, &mut Around) -> Result<Option<Finished>>,
+    ) -> Result<()> {
+        let Some(mut swap) = self.swap.take() else {
+            return Ok(());
+        };
+        let lost = self.lost();
+        match act(&mut swap, &mut self.around(lost))? {
+            Some(finished) => self.finish_swap(swap, finished),
+            None => {
+                self.swap = Some(swap);
+                Ok(())
+            }
+        }
+    }
+
+    fn finish_swap(&mut self, swap: Swap, finished: Finished) -> Result<()> {
+        let lost = self.lost();
+        swap.end(&finished, &mut self.around(lost))?;
+        match finished {
+            Finished::Done(plan, report) => {
+                let (process, from, to) = (&report.process, &report.from, &report.to);
+                let (episode, step) = report.border.unwrap_or_default();
+                self.screen.line(&format!(
+                    "SWAP {process}: {from} → {to} from episode {episode} step {step} on"
+                ));
+                self.plan = *plan;
+                self.ending.swaps.push(report);
+            }
+            Finished::Failed(why) => self.screen.warn(&format!("mirror: no swap: {why}")),
+        }
+        Ok(())
+    }
+
+    /// Messages that any port has lost, by all that was reported.
+    fn lost(&self) -> u64 {
+        let reports = self.ending.reports.iter().flatten();
+        reports
+            .flat_map(|report| report.ports.iter().take(report.port_count as usize))
+            .map(|port| port.lost)
+            .sum()
+    }
+
+    fn status(&self) -> serde_json::Value {
+        let processes: Vec<_> = self
+            .children
+            .living()
+            .iter()
+            .map(|child| {
+                serde_json::json!({
+                    "process": NAMES[child.place],
+                    "index": child.index,
+                    "pid": child.pid(),
+                    "phase": format!("{:?}", child.phase),
+                    "kind": self.plan.kind_of(child.place),
+                    "position": self.heads.newest(child.place),
+                })
+            })
+            .collect();
+        serde_json::json!({
+            "processes": processes,
+            "scene": self.plan.scene.name,
+            "clock": self.plan.clock,
+            "episodes": self.plan.episodes,
+            "steps": self.tally.steps(),
+        })
+    }
+
+    /// Asks everybody to end, then tells them, then makes them.
+    fn stop(&mut self) -> Result<()> {
+        self.screen.status("stopping".to_owned());
+        self.launcher.stop()?;
+        let begun = now_ns();
+        let mut told = [false; 2];
+        while !self.children.living().is_empty() {
+            let ended = self.children.wait(LOOK_NS)?;
+            self.take_reports()?;
+            self.tally.update()?;
+            if let Some(at) = ended {
+                let ended = self.children.reap(at)?;
+                let finished = self.ending.reports[ended.place]
+                    .is_some_and(|report| report.state == state::FINISHED);
+                if !finished && ended.phase == Phase::Speaking {
+                    self.supervisor.bury(&ended, &self.heads);
+                }
+                continue;
+            }
+            let patience = if self.children.speaker(RECORDER).is_some() {
+                STOP_RECORDER_NS
+            } else {
+                STOP_NS
+            };
+            let waited = now_ns() - begun;
+            let signals = [
+                (patience, libc::SIGTERM),
+                (patience + TERM_NS, libc::SIGKILL),
+            ];
+            for (told, (after, signal)) in told.iter_mut().zip(signals) {
+                if waited > after && !*told {
+                    self.children.signal(signal);
+                    *told = true;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn show_status(&self) {
+        if !self.screen.has_status() {
+            return;
+        }
+        let (steps, episodes) = (self.tally.steps(), &self.tally.episodes);
+        let step = episodes.last().map_or(0, |episode| episode.steps);
+        let speed = steps as f64 * 1e9 / (now_ns() - self.started_ns).max(1) as f64;
+        let collisions = episodes
+            .iter()
+            .filter(|episode| episode.hit.is_some())
+            .count();
+        let said: u64 = episodes.iter().map(|episode| episode.verbal_items).sum();
+        let shown: usize = episodes.iter().map(|episode| episode.shown.len()).sum();
+        self.screen.status(format!(
+            "episode {}/{} · step {step} · {speed:.0} steps/s · {shown} highlights · {said} utterances · {collisions} collisions",
+            episodes.len(),
+            self.plan.episodes,
+        ));
+    }
+}

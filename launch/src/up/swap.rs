@@ -1,0 +1,439 @@
+//! Replacing a process while the set runs: the new one starts beside the old, reads what it reads until it has caught up,
+//! and takes over at a step border. The old publishes until the step before, the new from it on.
+//!
+//! Until the border is crossed, whatever goes wrong leaves the old process in charge.
+
+use super::children::{Children, Phase};
+use super::door::{Answer, Replacement, Visitor};
+use super::heads::Heads;
+use super::plan::Plan;
+use crate::process::NAMES;
+use crate::screen::Screen;
+use anyhow::{Result, anyhow};
+use messages::Report;
+use runtime::{Launcher, NEVER, Position, now_ns, state};
+use serde::Serialize;
+use std::thread::JoinHandle;
+
+const MS: u64 = 1_000_000;
+/// How long the new process may take to read its models and make its ports.
+const START_NS: u64 = 60_000 * MS;
+/// How long it may take to catch up.
+const CATCH_UP_NS: u64 = 30_000 * MS;
+/// How long an answer to an agreement may take: longer than any process computes without looking up.
+const AGREE_NS: u64 = 5_000 * MS;
+/// The border lies this far ahead, so that both have heard of it before they come to it.
+const AHEAD_NS: u64 = 100 * MS;
+/// Steps after the border that are still watched.
+const AFTERWARDS: u32 = 4;
+/// How long crossing the border may take; in lockstep a driver's or a world's episode has to end first.
+const CROSS_NS: u64 = 600_000 * MS;
+/// Agreements tried before giving up: each looks twice as far ahead.
+const MOST_TRIES: u32 = 5;
+
+/// What a swap did.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SwapReport {
+    /// The process.
+    pub process: String,
+    /// Its kind before.
+    pub from: String,
+    /// And after.
+    pub to: String,
+    /// Episode and step from which on the new process speaks.
+    pub border: Option<Position>,
+    /// Steps that no process spoke of, from the border's agreement to some steps after it.
+    pub ticks_without_answer: u64,
+    /// Answers of that time that came later than a step after the world had sensed what they go back to.
+    pub late_answers: u64,
+    /// Messages that any port lost meanwhile.
+    pub lost_messages: u64,
+    /// Longest time between two of the process's messages, across the border, in ms.
+    pub longest_gap_ms: f64,
+    /// Agreements on a border that came too late.
+    pub tries: u32,
+    /// Learning, if the new human model had to, in ms.
+    pub learn_ms: f64,
+    /// From the start of the new process to its ports, in ms.
+    pub start_ms: f64,
+    /// From there until it had caught up, in ms.
+    pub catch_up_ms: f64,
+    /// From there until both had agreed to the border, in ms.
+    pub agree_ms: f64,
+    /// From there until the new process had spoken, in ms.
+    pub cross_ms: f64,
+    /// Whether the old process died before the border, so that the new took over at once.
+    pub old_died: bool,
+}
+
+enum Stage {
+    Learning(JoinHandle<Result<Plan>>),
+    Starting,
+    CatchingUp,
+    AskingNew,
+    AskingOld,
+    Crossing,
+    Settling,
+}
+
+/// A swap under way.
+pub struct Swap {
+    place: usize,
+    /// What the launcher starts from now on, once the swap is done.
+    plan: Plan,
+    visitor: Option<Visitor>,
+    old: Option<u32>,
+    new: Option<u32>,
+    stage: Stage,
+    since_ns: u64,
+    border: Position,
+    before: (u64, u64, u64),
+    report: SwapReport,
+}
+
+/// What a swap needs of the run.
+pub struct Around<'a> {
+    pub launcher: &'a mut Launcher,
+    pub children: &'a mut Children,
+    pub heads: &'a Heads,
+    pub screen: &'a Screen,
+    /// Messages that were lost so far, by all that was reported.
+    pub lost: u64,
+    /// Steps a second, lately.
+    pub rate: f64,
+}
+
+/// How a swap ended.
+pub enum Finished {
+    /// The new process is in charge: this is the plan from now on.
+    Done(Box<Plan>, SwapReport),
+    /// The old one still is.
+    Failed(String),
+}
+
+impl Swap {
+    /// Begins: learns if the new human model has to, or starts the new process.
+    ///
+    /// # Errors
+    /// When nothing of that kind can be started.
+    pub fn begin(
+        plan: &Plan,
+        asked: &Replacement,
+        visitor: Visitor,
+        around: &mut Around,
+    ) -> Result<Self, (Visitor, anyhow::Error)> {
+        let found = NAMES.iter().position(|name| *name == asked.process);
+        let Some(place) = found else {
+            let names = NAMES.join(", ");
+            let error = anyhow!("there is no process {:?}; there are {names}", asked.process);
+            return Err((visitor, error));
+        };
+        let changed = match plan.changed(place, asked) {
+            Ok(changed) => changed,
+            Err(error) => return Err((visitor, error)),
+        };
+        let report = SwapReport {
+            process: asked.process.clone(),
+            from: plan.kind_of(place),
+            to: changed.kind_of(place),
+            ..SwapReport::default()
+        };
+        let mut swap = Self {
+            place,
+            plan: changed,
+            visitor: Some(visitor),
+            old: around.children.speaker(place).map(|child| child.index),
+            new: None,
+            stage: Stage::Starting,
+            since_ns: now_ns(),
+            border: NEVER,
+            before: (0, 0, 0),
+            report,
+        };
+        if swap.plan.must_learn() {
+            let (mut plan, run) = (swap.plan.clone(), around.launcher.arguments().clone());
+            swap.stage = Stage::Learning(std::thread::spawn(move || {
+                plan.learn(&run)?;
+                Ok(plan)
+            }));
+        } else if let Err(error) = swap.start(around) {
+            return match swap.visitor.take() {
+                Some(visitor) => Err((visitor, error)),
+                None => Ok(swap), // never: it was put there above
+            };
+        }
+        Ok(swap)
+    }
+
+    /// The process that is being replaced, by its place.
+    pub fn place(&self) -> usize {
+        self.place
+    }
+
+    /// Number of the new process.
+    pub fn new_index(&self) -> Option<u32> {
+        self.new
+    }
+
+    fn start(&mut self, around: &mut Around) -> Result<()> {
+        let screen = around.screen;
+        let index = around
+            .children
+            .start(&self.plan, around.launcher, screen, self.place, true)?;
+        self.new = Some(index);
+        self.enter(Stage::Starting);
+        Ok(())
+    }
+
+    /// Enters a stage; returns how long the last one took, in ms.
+    fn enter(&mut self, stage: Stage) -> f64 {
+        let now = now_ns();
+        let took = (now - self.since_ns) as f64 / MS as f64;
+        (self.stage, self.since_ns) = (stage, now);
+        took
+    }
+
+    /// Goes on as far as it can without waiting.
+    ///
+    /// # Errors
+    /// When the launcher's own ports fail.
+    pub fn go_on(&mut self, around: &mut Around) -> Result<Option<Finished>> {
+        let waited = now_ns().saturating_sub(self.since_ns);
+        let failed = |why: &str| Ok(Some(Finished::Failed(why.to_owned())));
+        match &mut self.stage {
+            Stage::Learning(thread) if thread.is_finished() => {
+                let learning = std::mem::replace(&mut self.stage, Stage::Starting);
+                let Stage::Learning(thread) = learning else {
+                    return Ok(None);
+                };
+                match thread.join() {
+                    Ok(Ok(plan)) => self.plan = plan,
+                    Ok(Err(error)) => return failed(&format!("learning: {error:#}")),
+                    Err(_) => return failed("learning failed"),
+                }
+                self.report.learn_ms = self.enter(Stage::Starting);
+                if let Err(error) = self.start(around) {
+                    return failed(&format!("{error:#}"));
+                }
+            }
+            Stage::Starting if waited > START_NS => return failed("not ready in time"),
+            Stage::CatchingUp if waited > CATCH_UP_NS => return failed("did not catch up in time"),
+            Stage::AskingNew | Stage::AskingOld if waited > AGREE_NS => {
+                return failed("no answer to the border in time");
+            }
+            Stage::Crossing => {
+                if around.heads.newest(self.place) >= Some(self.border) {
+                    self.report.cross_ms = self.enter(Stage::Settling);
+                    self.retire_old(around)?;
+                } else if waited > CROSS_NS {
+                    return failed("the border was not reached in time");
+                }
+            }
+            Stage::Settling => {
+                let (episode, step) = self.border;
+                let settled = around.heads.newest(self.place) >= Some((episode, step + AFTERWARDS));
+                let old_is_gone = self
+                    .old
+                    .is_none_or(|old| around.children.get(old).is_none());
+                // Without a step for so long, the run has ended or stands still for another reason.
+                if (settled && old_is_gone && waited > 300 * MS) || waited > 5_000 * MS {
+                    return Ok(Some(self.done(around)));
+                }
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    /// Takes in what a process said; only of the new one and the old one.
+    ///
+    /// # Errors
+    /// When the launcher's own ports fail.
+    pub fn hear(&mut self, report: &Report, around: &mut Around) -> Result<Option<Finished>> {
+        let index = Some(report.index);
+        match (&self.stage, report.state) {
+            (Stage::Starting, state::READY) if index == self.new => {
+                self.report.start_ms = self.enter(Stage::CatchingUp);
+                if self.old.is_none() {
+                    self.take_over_at_once(around)?;
+                } else {
+                    self.set_phase(around, Phase::StandingBy);
+                    around.launcher.start_process(report.index)?;
+                    around.launcher.connect_all()?;
+                    if self.waits_for_episode() {
+                        self.report.catch_up_ms = self.enter(Stage::CatchingUp);
+                        self.agree(around)?;
+                    }
+                }
+            }
+            (Stage::CatchingUp, state::CAUGHT_UP) if index == self.new => {
+                self.report.catch_up_ms = self.enter(Stage::CatchingUp);
+                self.agree(around)?;
+            }
+            (Stage::AskingNew, state::BORDER) if index == self.new => {
+                self.ask_old(around)?;
+            }
+            (Stage::AskingOld, state::BORDER) if index == self.old => {
+                self.report.agree_ms += self.enter(Stage::Crossing);
+                self.report.border = Some(self.border);
+            }
+            (Stage::Crossing, state::RETIRED)
+                if index == self.old && self.place == WORLD && self.new.is_some() =>
+            {
+                if let Some(new) = self.new {
+                    around.launcher.take_over(new, self.border)?;
+                }
+            }
+            (Stage::AskingNew | Stage::AskingOld | Stage::Crossing, state::TOO_LATE)
+                if index == self.new || index == self.old =>
+            {
+                if self.report.tries >= MOST_TRIES {
+                    return Ok(Some(Finished::Failed(
+                        "every border had passed before both had heard of it".to_owned(),
+                    )));
+                }
+                if let Some(new) = self.new.filter(|_| index == self.old) {
+                    around.launcher.take_over(new, NEVER)?;
+                }
+                self.agree(around)?;
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    /// Takes note that one of the two has ended. Returns whether the swap goes on, and how it ended if not.
+    ///
+    /// # Errors
+    /// When the launcher's own ports fail.
+    pub fn child_ended(
+        &mut self,
+        index: u32,
+        how: &str,
+        around: &mut Around,
+    ) -> Result<Option<Finished>> {
+        if self.new == Some(index) {
+            self.new = None;
+            return Ok(Some(Finished::Failed(format!(
+                "the new {} {how}",
+                self.report.process
+            ))));
+        }
+        if self.old == Some(index) {
+            self.old = None;
+            if matches!(self.stage, Stage::Settling) {
+                return Ok(None);
+            }
+            self.report.old_died = true;
+            if !matches!(self.stage, Stage::Learning(_) | Stage::Starting) {
+                self.take_over_at_once(around)?;
+            }
+        }
+        Ok(None)
+    }
+
+    /// Ends it: tells who asked, and, if it failed, has the old process speak on and ends the new one.
+    ///
+    /// # Errors
+    /// When the launcher's own ports fail.
+    pub fn end(mut self, finished: &Finished, around: &mut Around) -> Result<()> {
+        let answer = match finished {
+            Finished::Done(_, report) => match serde_json::to_value(report) {
+                Ok(value) => Answer::Done(value),
+                Err(error) => Answer::Refused(error.to_string()),
+            },
+            Finished::Failed(why) => {
+                if let Some(old) = self.old
+                    && matches!(self.stage, Stage::AskingOld | Stage::Crossing)
+                {
+                    around.launcher.hand_over(old, NEVER)?;
+                }
+                if let Some(child) = self.new.and_then(|new| around.children.get_mut(new)) {
+                    child.phase = Phase::Leaving;
+                    child.signal(libc::SIGKILL);
+                }
+                Answer::Refused(format!("{} stays as it is: {why}", self.report.process))
+            }
+        };
+        if let Some(visitor) = self.visitor.take() {
+            visitor.tell(&answer);
+        }
+        Ok(())
+    }
+
+    fn done(&self, around: &Around) -> Finished {
+        let head = around.heads.of(self.place);
+        let mut report = self.report.clone();
+        report.ticks_without_answer = head.left_out - self.before.0;
+        report.late_answers = head.late - self.before.1;
+        report.lost_messages = around.lost.saturating_sub(self.before.2);
+        report.longest_gap_ms = head.longest_ns as f64 / MS as f64;
+        Finished::Done(Box::new(self.plan.clone()), report)
+    }
+
+    /// Worlds and drivers change between two episodes; they have nothing to catch up on.
+    fn waits_for_episode(&self) -> bool {
+        matches!(NAMES[self.place], "world" | "driver")
+    }
+
+    /// Chooses a border and proposes it to the new process.
+    fn agree(&mut self, around: &mut Around) -> Result<()> {
+        self.report.tries += 1;
+        let (episode, step) = around.heads.newest(self.place).unwrap_or_default();
+        self.border = if self.waits_for_episode() {
+            (episode + 1, 0)
+        } else {
+            let ahead = around.rate * (AHEAD_NS as f64 * 1e-9);
+            let ahead = (ahead.ceil() as u32 + 2) << (self.report.tries - 1);
+            (episode, step + ahead)
+        };
+        let head = around.heads.of(self.place);
+        self.before = (head.left_out, head.late, around.lost);
+        self.report.agree_ms += self.enter(Stage::AskingNew);
+        match self.new {
+            // A world acts by itself: it is told when the old one has stopped.
+            Some(_) if self.place == WORLD => self.ask_old(around),
+            Some(new) => Ok(around.launcher.take_over(new, self.border)?),
+            None => Ok(()),
+        }
+    }
+
+    fn ask_old(&mut self, around: &mut Around) -> Result<()> {
+        self.report.agree_ms += self.enter(Stage::AskingOld);
+        match self.old {
+            Some(old) => Ok(around.launcher.hand_over(old, self.border)?),
+            None => self.take_over_at_once(around),
+        }
+    }
+
+    /// The old process is gone: the new one goes on where it stopped.
+    fn take_over_at_once(&mut self, around: &mut Around) -> Result<()> {
+        self.border = super::supervise::next_border(around.heads, self.place);
+        self.report.border = Some(self.border);
+        self.enter(Stage::Crossing);
+        if let Some(new) = self.new {
+            self.set_phase(around, Phase::Speaking);
+            around.launcher.take_over(new, self.border)?;
+            around.launcher.connect_all()?;
+        }
+        Ok(())
+    }
+
+    fn retire_old(&mut self, around: &mut Around) -> Result<()> {
+        self.set_phase(around, Phase::Speaking);
+        if let Some(child) = self.old.and_then(|old| around.children.get_mut(old)) {
+            child.phase = Phase::Leaving;
+            around.launcher.stop_process(child.index)?;
+        }
+        Ok(())
+    }
+
+    fn set_phase(&self, around: &mut Around, phase: Phase) {
+        if let Some(child) = self.new.and_then(|new| around.children.get_mut(new)) {
+            child.phase = phase;
+        }
+    }
+}
+
+/// Place of the world in launch order.
+const WORLD: usize = 0;

@@ -1,0 +1,233 @@
+//! Replacing processes of a running set: no step without its answer, no message lost, and what was decided before stays
+//! as it would have been.
+
+mod common;
+
+use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
+use serde_json::Value;
+use std::process::Output;
+
+/// `mirror swap`, to its end.
+fn swap(name: &str, bench: &Bench, arguments: &[&str]) -> (Output, Value) {
+    let report = bench.path("report.json");
+    let _ = std::fs::remove_file(&report);
+    let mut command = mirror();
+    command
+        .arg("swap")
+        .args(arguments)
+        .args(["--instance", name, "--report"])
+        .arg(&report);
+    let output = run(&mut command);
+    let report = std::fs::read_to_string(&report)
+        .map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
+    (output, report)
+}
+
+fn swaps_cleanly(name: &str, bench: &Bench, arguments: &[&str]) -> Value {
+    let (output, report) = swap(name, bench, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+    assert_eq!(report["ticks_without_answer"], 0, "{report}");
+    assert_eq!(report["lost_messages"], 0, "{report}");
+    assert_eq!(report["old_died"], false, "{report}");
+    assert!(report["border"].is_array(), "{report}");
+    report
+}
+
+/// Implants of a person: learning them is not what is tested here.
+fn implants(bench: &Bench) -> String {
+    bench.write_implants();
+    bench.path("implants.safetensors").display().to_string()
+}
+
+fn end(mut live: Live, name: &str) {
+    live.signal("launcher", libc::SIGINT);
+    assert_eq!(live.wait().code(), Some(1), "interrupted");
+    live.assert_all_ended();
+    assert_nothing_left(name);
+}
+
+#[test]
+fn human_models_change_places_in_lockstep() {
+    let bench = Bench::new();
+    let implants = implants(&bench);
+    let name = instance("swap-lockstep");
+    let file = bench.path("summary.json");
+    let mut command = bench.up(&name);
+    command
+        .args(["--episodes", "1000000", "--summary"])
+        .arg(&file);
+    let live = Live::start(&mut command, &name);
+    let mut last = (0, 0);
+    for kind in ["mirror", "self", "mirror", "self"] {
+        let mut arguments = vec!["human", kind];
+        if kind == "mirror" {
+            arguments.extend(["--implants", &implants]);
+        }
+        let report = swaps_cleanly(&name, &bench, &arguments);
+        let border = (
+            report["border"][0].as_u64().unwrap(),
+            report["border"][1].as_u64().unwrap(),
+        );
+        assert!(border > last, "{border:?} after {last:?}");
+        last = border;
+    }
+    end(live, &name);
+    let summary = summary(&file);
+    assert_eq!(summary["swaps"].as_array().unwrap().len(), 4);
+    assert_eq!(summary["deaths"], Value::Array(Vec::new()));
+    assert_eq!(summary["human"], "self");
+    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
+        assert_eq!(lost, 0, "{topic}");
+    }
+}
+
+#[test]
+fn human_models_change_places_in_real_time() {
+    let bench = Bench::new();
+    let implants = implants(&bench);
+    let name = instance("swap-realtime");
+    let mut command = bench.up(&name);
+    command.args(["--episodes", "1000000", "--clock", "realtime"]);
+    let live = Live::start(&mut command, &name);
+    for kind in ["mirror", "self"] {
+        let mut arguments = vec!["human", kind];
+        if kind == "mirror" {
+            arguments.extend(["--implants", &implants]);
+        }
+        swaps_cleanly(&name, &bench, &arguments);
+    }
+    end(live, &name);
+}
+
+#[test]
+fn every_other_process_changes_places_too() {
+    let bench = Bench::new();
+    let name = instance("swap-all");
+    let mut command = bench.up(&name);
+    command.args(["--episodes", "1000000"]);
+    let live = Live::start(&mut command, &name);
+    for (process, kind) in [
+        ("belief", "same"),
+        ("planner", "none"),
+        ("renderer", "same"),
+        ("driver", "sim:3"),
+        ("world", "same"),
+        ("recorder", "same"),
+    ] {
+        let report = swaps_cleanly(&name, &bench, &[process, kind]);
+        let step = report["border"][1].as_u64().unwrap();
+        if ["world", "driver"].contains(&process) {
+            assert_eq!(step, 0, "{process} changes between two episodes");
+        }
+    }
+    end(live, &name);
+}
+
+#[test]
+fn what_cannot_take_over_changes_nothing() {
+    let bench = Bench::new();
+    let name = instance("swap-refused");
+    let mut command = bench.up(&name);
+    command.args(["--episodes", "1000000"]);
+    let live = Live::start(&mut command, &name);
+    let garbage = bench.write("garbage.safetensors", [7; 999]);
+    let garbage = garbage.display().to_string();
+    for (arguments, told_of) in [
+        (vec!["human", "nobody"], "nobody"),
+        (vec!["cook", "same"], "cook"),
+        (vec!["planner", "loud"], "loud"),
+        (vec!["driver", "sim:99"], "99"),
+        (vec!["belief", "other"], "other"),
+        (
+            vec!["human", "mirror", "--implants", &garbage],
+            "garbage.safetensors",
+        ),
+        (
+            vec!["human", "--exec", "/no/such/program"],
+            "ended with status 127",
+        ),
+        (vec!["human", "--exec", "false"], "ended with status 1"),
+    ] {
+        let (output, report) = swap(&name, &bench, &arguments);
+        assert!(!output.status.success(), "{arguments:?}");
+        assert_eq!(report, Value::Null);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains(told_of), "{arguments:?}: {said}");
+    }
+    swaps_cleanly(&name, &bench, &["human", "self"]);
+    end(live, &name);
+    let (output, _) = swap(&name, &bench, &["human", "self"]);
+    assert_eq!(output.status.code(), Some(2), "nobody is there");
+    assert!(told(&output).contains(&name));
+}
+
+#[test]
+fn decisions_before_a_swap_are_those_of_a_run_without_it() {
+    let bench = Bench::new();
+    let name = instance("swap-before");
+    let undisturbed = bench.path("undisturbed.mcap");
+    let swapped = bench.path("swapped.mcap");
+    let output = run(bench
+        .up(&name)
+        .args(["--episodes", "60", "--record"])
+        .arg(&undisturbed));
+    assert!(output.status.success(), "{}", told(&output));
+    let mut command = bench.up(&name);
+    command.args(["--episodes", "60", "--record"]).arg(&swapped);
+    let mut live = Live::start(&mut command, &name);
+    let implants = implants(&bench);
+    let report = swaps_cleanly(&name, &bench, &["human", "mirror", "--implants", &implants]);
+    assert!(live.wait().success());
+    let border = (
+        report["border"][0].as_u64().unwrap() as u32,
+        report["border"][1].as_u64().unwrap() as u32,
+    );
+    assert!(
+        border.0 < 60,
+        "the swap came too late to compare: {border:?}"
+    );
+    let (before, after) = (beliefs(&undisturbed), beliefs(&swapped));
+    let earlier = |beliefs: &[((u32, u32), Vec<u8>)]| -> Vec<_> {
+        let earlier = beliefs.iter().filter(|(at, _)| *at < border);
+        earlier.cloned().collect()
+    };
+    let (expected, found) = (earlier(&before), earlier(&after));
+    assert!(!expected.is_empty());
+    assert_eq!(expected.len(), found.len());
+    assert!(expected == found, "beliefs before {border:?} differ");
+    let kinds: Vec<_> = after
+        .iter()
+        .filter(|(at, _)| *at >= border)
+        .map(|(_, body)| body)
+        .collect();
+    assert!(!kinds.is_empty() && kinds.len() == after.len() - found.len());
+    assert!(
+        kinds
+            .iter()
+            .all(|body| body.windows(6).any(|w| w == b"mirror")),
+        "the new model speaks from the border on"
+    );
+}
+
+/// Position and body without the header of every human belief that was recorded.
+fn beliefs(path: &std::path::Path) -> Vec<((u32, u32), Vec<u8>)> {
+    use messages::{Header, HumanBelief, Message};
+    const CDR_HEADER: usize = 4;
+    let bytes = std::fs::read(path).unwrap();
+    let mut found: Vec<_> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|message| message.unwrap())
+        .filter(|message| message.channel.topic.ends_with("belief/human"))
+        .map(|message| {
+            let body = &message.data[CDR_HEADER..];
+            assert_eq!(body.len(), size_of::<HumanBelief>());
+            // SAFETY: as many bytes as the message has, of plain numbers.
+            let belief: HumanBelief = unsafe { std::ptr::read_unaligned(body.as_ptr().cast()) };
+            let header = belief.header().unwrap();
+            let position = (header.episode, header.step);
+            (position, body[size_of::<Header>()..].to_vec())
+        })
+        .collect();
+    found.sort_by_key(|(position, _)| *position);
+    found
+}
