@@ -6,7 +6,7 @@ use models::self_model::Sizes;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use runtime::instance::{default_root, nodes, prefix};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
 
@@ -97,6 +97,17 @@ pub fn summary(path: &Path) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
+/// What a running set says of itself; none if it is not there, or ends before it answers.
+pub fn status(instance: &str) -> Option<serde_json::Value> {
+    let socket = runtime::instance::directory(&default_root(), instance).join("launcher.sock");
+    let mut stream = std::os::unix::net::UnixStream::connect(socket).ok()?;
+    stream.write_all(b"{\"command\":\"status\"}\n").ok()?;
+    let mut line = String::new();
+    BufReader::new(stream).read_line(&mut line).ok()?;
+    let answer: serde_json::Value = serde_json::from_str(&line).ok()?;
+    Some(answer["done"].clone())
+}
+
 /// A `mirror up` that goes on until it is ended.
 pub struct Live {
     pub child: Child,
@@ -135,6 +146,34 @@ impl Live {
             live.processes
         );
         live
+    }
+
+    /// Starts one that prints nothing, and returns once its first step was taken.
+    pub fn start_quietly(command: &mut Command, instance: &str) -> Self {
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap());
+        let live = Self {
+            child,
+            lines,
+            instance: instance.to_owned(),
+            processes: Vec::new(),
+        };
+        let runs = |status: serde_json::Value| status["steps"].as_u64() > Some(0);
+        while !status(instance).is_some_and(runs) {
+            std::thread::yield_now();
+        }
+        live
+    }
+
+    /// Ends the run as Ctrl-C does.
+    pub fn interrupt(&self) {
+        // SAFETY: signals our own child, which was not waited for.
+        unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGINT) };
     }
 
     /// Reads on until a line contains `word`.
