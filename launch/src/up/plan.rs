@@ -106,9 +106,8 @@ impl Plan {
             return Ok(());
         };
         let model = &self.self_model.1;
-        let implants = learn::at_start(&self.scene.scene, person, self.human, model)?;
-        let path = run.directory().join("implants.safetensors");
-        learn::save(&path, &implants, model)?;
+        let path = run.directory().join("learned.safetensors");
+        learn::at_start(&self.scene.scene, person, self.human, model, &path)?;
         self.implants = ImplantSource::File(path);
         Ok(())
     }
