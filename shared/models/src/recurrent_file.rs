@@ -98,7 +98,7 @@ pub fn policy_from(
         expected: format!("{AZIMUTHS} distances of at least 0"),
         found,
     };
-    if let Some(limit) = visible.iter().find(|limit| !(**limit >= 0.0)) {
+    if let Some(limit) = visible.iter().find(|limit| limit.is_nan() || **limit < 0.0) {
         return Err(bad(format!("{limit}")).into());
     }
     let visible: [f32; AZIMUTHS] = visible
