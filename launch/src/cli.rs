@@ -49,8 +49,8 @@ pub struct UpArguments {
     /// Fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub fog: Option<f64>,
-    /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), or `self`
-    /// (the robot's own, unchanged)
+    /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
+    /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub human: String,
     /// How to decide what to communicate
@@ -88,9 +88,9 @@ pub struct UpArguments {
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
-    /// What the human model learned of this person [default: learned at the start from six rounds without
-    /// communication]
-    #[arg(long, value_name = "FILE.safetensors")]
+    /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc`
+    /// [default: learned at the start from six rounds without communication]
+    #[arg(long, visible_alias = "learned", value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
@@ -175,7 +175,7 @@ pub enum Train {
     /// Learn the robot's self-model by driving, from nothing (about a quarter of an hour on two cores)
     #[command(name = "self")]
     Myself(TrainSelfArguments),
-    /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is
+    /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is (seconds)
     Human(TrainHumanArguments),
 }
 
@@ -228,7 +228,8 @@ fn rounds(text: &str) -> Result<usize, String> {
 /// Options of `mirror train human`.
 #[derive(Args, Debug)]
 pub struct TrainHumanArguments {
-    /// What to learn: `mirror` (perception and policy) or `mirror-p` (perception only)
+    /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or `bc` (a policy of its own, by
+    /// likelihood, from these rounds and an expert's in clear weather)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub kind: String,
     /// The domain
@@ -237,7 +238,7 @@ pub struct TrainHumanArguments {
     /// What `mirror demos` recorded
     #[arg(long, value_name = "FILE.safetensors")]
     pub demos: PathBuf,
-    /// Where to write what was learned, for `mirror up --implants`
+    /// Where to write what was learned, for `mirror up --learned`
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
     /// The robot's self-model [default: the one that ships]

@@ -211,7 +211,7 @@ pub fn self_model(given: Option<&Path>) -> Result<(PathBuf, SelfModel)> {
     Ok((path, model))
 }
 
-/// Where a human model's implants come from.
+/// Where what a human model learned of the person comes from: implants, or the policy of `bc` and `sqil`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ImplantSource {
     /// It has none.
@@ -235,6 +235,11 @@ pub fn implants(
     if human == Kind::Myself {
         ensure!(given.is_none(), "--implants: human model `self` has none");
         return Ok(ImplantSource::None);
+    }
+    if let (Some(path), false) = (given, human.is_self_model()) {
+        let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+        models::recurrent_file::load_policy(&path, human)?;
+        return Ok(ImplantSource::File(path));
     }
     let Some(path) = given else {
         return match driving {

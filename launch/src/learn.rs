@@ -8,15 +8,21 @@ use crate::screen::Progress;
 use anyhow::{Context, Result, anyhow};
 use domains::highway::{Person, Scene};
 use driver::Driving;
-use models::{Implants, Kind, SelfModel};
+use models::recurrent_file::save_policy;
+use models::utterances::UtteranceTable;
+use models::{Kind, SelfModel};
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use training::demonstrations::{Demonstrations, record_in};
 use training::implants::{Settings, learn};
+use training::{cloning, lessons};
 
 /// Seed of demonstrations: never the rounds that are driven or scored with what was learned from them.
 pub const DEMONSTRATION_SEED: u64 = 0x6465_6d6f;
+/// Seed of the expert's rounds, which are the same for everybody.
+const EXPERT_SEED: u64 = 0x6578_7065;
 /// Rounds that `mirror up` learns from: each of the six cases once.
 const ROUNDS: usize = 6;
 
@@ -76,7 +82,7 @@ pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `mirror train human`: learns implants from demonstrations, and nothing else.
+/// `mirror train human`: learns implants or a policy from demonstrations.
 pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure> {
     let plan = || -> Result<_> {
         let out = inputs::writable("--out", &arguments.out)?;
@@ -85,43 +91,36 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
         Ok((out, kind, model, Demonstrations::load(&arguments.demos)?))
     };
     let (out, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
-    let progress = Progress::new(
-        "learning",
-        (Settings::default().iterations * Settings::default().starts_m.len()) as u64,
-    );
-    let settings = Settings {
-        seed: arguments.seed,
-        ..Settings::default()
-    };
-    let learned = learn(
-        &model,
+    let said = learn_to(
+        &out,
         kind,
         &demonstrations,
-        &settings,
-        |iteration, loss| {
-            progress.at(iteration as u64, &format!("loss {loss:.4}"));
-        },
-    );
-    progress.finish();
-    let learned = learned
-        .with_context(|| arguments.demos.display().to_string())
-        .map_err(Failure::refused)?;
-    models::checkpoint::save_implants(&out, &learned.implants, &model, &command_line())
-        .map_err(anyhow::Error::from)?;
-    let last = learned.losses.last().copied().unwrap_or(f32::NAN);
+        &model,
+        arguments.seed,
+        "learning",
+    )
+    .with_context(|| arguments.demos.display().to_string())
+    .map_err(Failure::refused)?;
     println!(
-        "{}: learned from {} rounds, last loss {last:.4}",
+        "{}: learned from {} rounds, {said}",
         out.display(),
         demonstrations.rounds.len()
     );
     Ok(ExitCode::SUCCESS)
 }
 
-/// Learns a simulated person's implants from rounds on the highway in this scene's fog, without communication.
+/// Learns what a simulated person sees and does from rounds on the highway in this scene's fog, without communication, and
+/// writes it to `path`.
 ///
 /// # Errors
-/// When the rounds are too short to learn from.
-pub fn at_start(scene: &Scene, person: &Person, kind: Kind, model: &SelfModel) -> Result<Implants> {
+/// When the rounds are too short to learn from, or the file cannot be written.
+pub fn at_start(
+    scene: &Scene,
+    person: &Person,
+    kind: Kind,
+    model: &SelfModel,
+    path: &Path,
+) -> Result<()> {
     // What a person sees depends on the fog; recorded traffic offers one short round, the highway as many as are needed.
     let mut highway = Scene {
         fog: scene.fog,
@@ -132,39 +131,112 @@ pub fn at_start(scene: &Scene, person: &Person, kind: Kind, model: &SelfModel) -
     }
     let demonstrations = record_in(Arc::new(highway), person, DEMONSTRATION_SEED, 0, ROUNDS)
         .context("the scene's road")?;
-    let settings = Settings::default();
     let text = format!(
         "learning what person {} sees and does from {ROUNDS} rounds",
         person.id
     );
-    let progress = Progress::new(&text, iterations(&settings));
-    let learned = learn(
-        model,
-        kind,
-        &demonstrations,
-        &settings,
-        |iteration, loss| {
-            progress.at(iteration as u64, &format!("loss {loss:.4}"));
-        },
-    );
+    learn_to(path, kind, &demonstrations, model, 0, &text).context("learning the human model")?;
+    Ok(())
+}
+
+/// Learns what `kind` takes and writes it to `path`; gives a word about how it went.
+fn learn_to(
+    path: &Path,
+    kind: Kind,
+    demonstrations: &Demonstrations,
+    model: &SelfModel,
+    seed: u64,
+    title: &str,
+) -> Result<String> {
+    match kind {
+        Kind::Bc => clone_to(path, demonstrations, seed, title),
+        _ => implant_to(path, kind, demonstrations, model, seed, title),
+    }
+}
+
+fn implant_to(
+    path: &Path,
+    kind: Kind,
+    demonstrations: &Demonstrations,
+    model: &SelfModel,
+    seed: u64,
+    title: &str,
+) -> Result<String> {
+    let settings = Settings {
+        seed,
+        ..Settings::default()
+    };
+    let iterations = settings.iterations * settings.starts_m.len();
+    let progress = Progress::new(title, iterations as u64);
+    let learned = learn(model, kind, demonstrations, &settings, |iteration, loss| {
+        progress.at(iteration as u64, &format!("loss {loss:.4}"));
+    });
     progress.finish();
-    Ok(learned.context("learning the human model")?.implants)
+    let learned = learned?;
+    models::checkpoint::save_implants(path, &learned.implants, model, &command_line())?;
+    let last = learned.losses.last().copied().unwrap_or(f32::NAN);
+    Ok(format!("last loss {last:.4}"))
 }
 
-/// Steps of learning, from all the starts that are tried.
-fn iterations(settings: &Settings) -> u64 {
-    (settings.iterations * settings.starts_m.len()) as u64
-}
-
-/// Writes implants where the processes of a run find them.
-///
-/// # Errors
-/// Names the file.
-pub fn save(path: &Path, implants: &Implants, model: &SelfModel) -> Result<()> {
-    Ok(models::checkpoint::save_implants(
+fn clone_to(
+    path: &Path,
+    demonstrations: &Demonstrations,
+    seed: u64,
+    title: &str,
+) -> Result<String> {
+    let settings = cloning::Settings {
+        seed,
+        ..cloning::Settings::default()
+    };
+    let visible_m = demonstrations
+        .visible_m
+        .ok_or(cloning::CloningError::Unseen(Kind::Bc.name()))?;
+    let expert = lessons::of_expert(
+        Arc::new(Scene::builtin("highway-clear")?),
+        &UtteranceTable::shipped()?,
+        EXPERT_SEED,
+        settings.expert_rounds,
+    )?;
+    let own = demonstrations
+        .rounds
+        .iter()
+        .map(|round| lessons::of_round(round, &visible_m))
+        .collect();
+    let passes = AtomicU64::new(0);
+    let most = (settings.epochs * settings.layers.len()) as u64;
+    let progress = Mutex::new(Progress::new(title, most));
+    let learned = cloning::learn(own, expert, &settings, &|layers, _, nll| {
+        let pass = passes.fetch_add(1, Ordering::Relaxed) + 1;
+        if let Ok(progress) = progress.lock() {
+            progress.at(pass, &format!("{layers} layers, validation {nll:.3}"));
+        }
+    });
+    if let Ok(progress) = progress.lock() {
+        progress.finish();
+    }
+    let learned = learned?;
+    let trials: Vec<String> = learned
+        .trials
+        .iter()
+        .map(|t| {
+            format!(
+                "{} layers {:.3} (pass {} of {})",
+                t.layers, t.validation, t.epoch, t.epochs
+            )
+        })
+        .collect();
+    let about = [("mirror.validation", trials.join(", "))];
+    save_policy(
         path,
-        implants,
-        model,
+        Kind::Bc,
+        &learned.policy,
+        &visible_m,
         &command_line(),
-    )?)
+        &about,
+    )?;
+    Ok(format!(
+        "validation: {}; kept {} layers",
+        trials.join(", "),
+        learned.best.layers
+    ))
 }

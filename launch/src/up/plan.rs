@@ -116,13 +116,12 @@ impl Plan {
             return Ok(());
         };
         let model = &self.self_model.1;
-        let implants = learn::at_start(&self.scene.scene, person, self.human, model)?;
         // A file of its own for each: a process that is to be replaced may have to be started again.
         let path = (0..)
-            .map(|n| run.directory().join(format!("implants.{n}.safetensors")))
+            .map(|n| run.directory().join(format!("learned.{n}.safetensors")))
             .find(|path| !path.exists())
-            .context("a name for the implants")?;
-        learn::save(&path, &implants, model)?;
+            .context("a name for what is learned")?;
+        learn::at_start(&self.scene.scene, person, self.human, model, &path)?;
         self.implants = ImplantSource::File(path);
         Ok(())
     }

@@ -8,7 +8,7 @@ pub use person::{GROUPS, Person};
 use anyhow::{Result, bail};
 use messages::{Display, DriverAction, HumanBelief, LidarFrame, topic};
 use models::utterances::UtteranceTable;
-use models::{HumanModel, Kind, SelfHuman};
+use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ pub struct Options {
     pub kind: Kind,
     /// The self-model's file.
     pub model: PathBuf,
-    /// The implants' file, for the kinds that have implants.
+    /// The file of what was learned of the person: implants, or the policy of `bc` and `sqil`.
     #[serde(default)]
     pub implants: Option<PathBuf>,
 }
@@ -33,6 +33,17 @@ impl Options {
     /// # Errors
     /// If a file is missing, damaged, or not what the kind needs.
     pub fn load(&self) -> Result<Box<dyn HumanModel>> {
+        if !self.kind.is_self_model() {
+            let Some(path) = &self.implants else {
+                bail!(
+                    "human model `{}` needs its policy: none given",
+                    self.kind.name()
+                );
+            };
+            let (policy, visible_m) = models::recurrent_file::load_policy(path, self.kind)?;
+            let human = RecurrentHuman::new(self.kind, Arc::new(policy), visible_m);
+            return Ok(Box::new(human));
+        }
         let model = models::checkpoint::load_self_model(&self.model)?;
         let implants = match (self.kind, &self.implants) {
             (Kind::Myself, _) => None,

@@ -5,9 +5,10 @@ use messages::{
     Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, Message,
 };
 use models::checkpoint::{save_implants, save_self_model};
+use models::recurrent_file::save_policy;
 use models::self_model::Sizes;
 use models::utterances::UtteranceTable;
-use models::{Implants, Kind, SelfHuman, SelfModel};
+use models::{Implants, Kind, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -258,6 +259,8 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
     save_self_model(&path("self"), &model(), "test").expect("written");
     save_implants(&path("both"), &implants(true), &model(), "test").expect("written");
     save_implants(&path("perception"), &implants(false), &model(), "test").expect("written");
+    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
+    save_policy(&path("bc"), Kind::Bc, &policy, &[12.0; 36], "test", &[]).expect("written");
     let load = |kind: Kind, implants: Option<&str>| {
         let options = Options {
             kind,
@@ -272,7 +275,12 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
     assert_eq!(load(Kind::Myself, None), Ok("self"));
     assert_eq!(load(Kind::Mirror, Some("both")), Ok("mirror"));
     assert_eq!(load(Kind::MirrorP, Some("perception")), Ok("mirror-p"));
+    assert_eq!(load(Kind::Bc, Some("bc")), Ok("bc"));
     for (kind, implants, word) in [
+        (Kind::Bc, None, "needs its policy"),
+        (Kind::Bc, Some("both"), "both"),
+        (Kind::Sqil, Some("bc"), "kind `bc`"),
+        (Kind::Mirror, Some("bc"), "policy"),
         (Kind::Mirror, None, "needs implants"),
         (Kind::Mirror, Some("perception"), "perception"),
         (Kind::MirrorP, Some("both"), "both"),

@@ -198,7 +198,10 @@ pub fn implants_from(
     Ok(implants)
 }
 
-fn expect(checkpoint: &Checkpoint, expected: &'static str) -> Result<(), ModelFileError> {
+pub(crate) fn expect(
+    checkpoint: &Checkpoint,
+    expected: &'static str,
+) -> Result<(), ModelFileError> {
     let found = checkpoint
         .metadata()
         .get(HOLDS)
@@ -213,7 +216,7 @@ fn expect(checkpoint: &Checkpoint, expected: &'static str) -> Result<(), ModelFi
     })
 }
 
-fn finite(file: &str, parameters: &nn::Parameters) -> Result<(), ModelFileError> {
+pub(crate) fn finite(file: &str, parameters: &nn::Parameters) -> Result<(), ModelFileError> {
     for (_, name, tensor) in parameters.iter() {
         if let Some(index) = tensor.data().iter().position(|x| !x.is_finite()) {
             return Err(ModelFileError::NotFinite {

@@ -20,11 +20,21 @@ pub enum Kind {
     /// The self-model unchanged: sees all, acts as the robot would.
     #[serde(rename = "self")]
     Myself,
+    /// Behavioural cloning: a recurrent policy learned by likelihood.
+    Bc,
+    /// Soft-Q imitation: the same policy, learned by reinforcement.
+    Sqil,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 3] = [Self::Mirror, Self::MirrorP, Self::Myself];
+    pub const ALL: [Self; 5] = [
+        Self::Mirror,
+        Self::MirrorP,
+        Self::Myself,
+        Self::Bc,
+        Self::Sqil,
+    ];
 
     /// The name on the command line and in messages.
     pub const fn name(self) -> &'static str {
@@ -32,7 +42,14 @@ impl Kind {
             Self::Mirror => "mirror",
             Self::MirrorP => "mirror-p",
             Self::Myself => "self",
+            Self::Bc => "bc",
+            Self::Sqil => "sqil",
         }
+    }
+
+    /// Whether this is the self-model, with or without implants, rather than a policy of its own ([`crate::recurrent`]).
+    pub const fn is_self_model(self) -> bool {
+        matches!(self, Self::Mirror | Self::MirrorP | Self::Myself)
     }
 
     /// The kind of that name.

@@ -7,10 +7,13 @@ pub mod imagined;
 pub mod implants;
 pub mod observation;
 pub mod policy;
+pub mod recurrent;
+pub mod recurrent_file;
 pub mod self_model;
 pub mod utterances;
 
 pub use human::{Beliefs, HumanModel, Kind, SelfHuman};
 pub use implants::Implants;
 pub use observation::{Communicated, Observations, Shape};
+pub use recurrent::{RecurrentHuman, RecurrentPolicy, RecurrentSizes};
 pub use self_model::{Filter, SelfModel};

@@ -42,9 +42,12 @@ impl ActionDistribution {
 
     /// π_ψ(· | z) for `z`: `latent × batch`.
     pub fn infer(&mut self, policy: &Policy, p: &Parameters, z: &Tensor) {
-        policy
-            .network
-            .infer(p, z, &mut self.scratch, &mut self.output);
+        self.infer_network(&policy.network, p, z);
+    }
+
+    /// As [`Self::infer`], with any network of twice as many outputs as there are actions.
+    pub fn infer_network(&mut self, network: &Mlp, p: &Parameters, z: &Tensor) {
+        network.infer(p, z, &mut self.scratch, &mut self.output);
         split_gaussian(&self.output, &mut self.mean, &mut self.deviation);
     }
 

@@ -4,6 +4,7 @@
 use crate::replay::VISUAL;
 use crate::rollout::step_of;
 use domains::highway::{Cockpit, Observation, Scene, Shown, SimulatedDriver, World, episode};
+use models::observation::AZIMUTHS;
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -50,6 +51,8 @@ pub struct Demonstrations {
     pub rounds: Vec<Round>,
     /// Who drove and how: the command that made the file.
     pub source: String,
+    /// What the person could see of each azimuth, in metres, where that is known: for the models that have to be told.
+    pub visible_m: Option<[f32; AZIMUTHS]>,
 }
 
 /// A file of demonstrations could not be used.
@@ -95,6 +98,7 @@ pub fn record(
     Demonstrations {
         rounds,
         source: String::new(),
+        visible_m: Some(*driver.visible_m()),
     }
 }
 
@@ -117,7 +121,7 @@ pub fn record_in(
 
 impl Demonstrations {
     /// Writes the rounds as a safetensors file: `length` (u64, steps per round), `collided` (u8 per round), `visual`
-    /// (113 numbers per step) and `action` (2 per step).
+    /// (113 numbers per step), `action` (2 per step) and, where that is known, `visible_m` (36 numbers).
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -139,12 +143,15 @@ impl Demonstrations {
             ("mirror.domain".to_owned(), "highway".to_owned()),
             ("mirror.rounds".to_owned(), self.rounds.len().to_string()),
         ]);
-        let extras = [
+        let mut extras = vec![
             ("length", Extra::U64(&lengths)),
             ("collided", Extra::U8(&collided)),
             ("visual", Extra::F32(&visual)),
             ("action", Extra::F32(&action)),
         ];
+        if let Some(visible_m) = &self.visible_m {
+            extras.push(("visible_m", Extra::F32(visible_m)));
+        }
         nn::checkpoint::save(path, &[], &extras, &metadata)
     }
 
@@ -198,6 +205,18 @@ impl Demonstrations {
                 )));
             }
         }
+        let visible_m = match checkpoint.names().any(|name| name == "visible_m") {
+            false => None,
+            true => {
+                let limits = checkpoint.f32s("visible_m")?;
+                if limits.len() != AZIMUTHS || !limits.iter().all(|limit| *limit >= 0.0) {
+                    return Err(bad(format!(
+                        "tensor \"visible_m\" is not {AZIMUTHS} distances of at least 0"
+                    )));
+                }
+                Some(core::array::from_fn(|azimuth| limits[azimuth]))
+            }
+        };
         let mut next = 0;
         let rounds = lengths
             .iter()
@@ -223,6 +242,7 @@ impl Demonstrations {
                 .get(models::checkpoint::COMMAND)
                 .cloned()
                 .unwrap_or_default(),
+            visible_m,
         })
     }
 }

@@ -195,7 +195,7 @@ pub fn learn(
     let with_policy = match kind {
         Kind::Mirror => true,
         Kind::MirrorP => false,
-        Kind::Myself => return Err(ImplantError::NoImplants(kind.name())),
+        _ => return Err(ImplantError::NoImplants(kind.name())),
     };
     let mut best: Option<Learned> = None;
     for (i, &start_m) in settings.starts_m.iter().enumerate() {

@@ -1,9 +1,11 @@
-//! Learning: the self-model by ELBO and soft actor-critic, and implants from a person's demonstrations.
+//! Learning: the self-model by ELBO and soft actor-critic, and from a person's demonstrations implants or policies.
 
 pub mod batches;
 pub mod checkpoint;
+pub mod cloning;
 pub mod demonstrations;
 pub mod implants;
+pub mod lessons;
 pub mod replay;
 pub mod rollout;
 pub mod sac;

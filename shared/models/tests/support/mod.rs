@@ -1,8 +1,12 @@
 //! Models with random weights, and a count of allocations.
 #![allow(dead_code)] // every test program uses its own part
 
+use models::observation::AZIMUTHS;
 use models::self_model::Sizes;
-use models::{HumanModel, Implants, Kind, SelfHuman, SelfModel};
+use models::{
+    HumanModel, Implants, Kind, RecurrentHuman, RecurrentPolicy, RecurrentSizes, SelfHuman,
+    SelfModel,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -68,10 +72,28 @@ pub fn implants(model: &SelfModel, with_policy: bool) -> Implants {
 /// A model of this kind with random weights, the same each time. A new kind gets its line here, and with it the suite.
 pub fn human_model(kind: Kind) -> Box<dyn HumanModel> {
     let model = self_model(20);
+    if !kind.is_self_model() {
+        return Box::new(recurrent(kind));
+    }
     let implants = match kind {
         Kind::Mirror => Some(implants(&model, true)),
         Kind::MirrorP => Some(implants(&model, false)),
-        Kind::Myself => None,
+        _ => None,
     };
     Box::new(SelfHuman::new(Arc::new(model), implants))
+}
+
+/// An untrained recurrent policy of a person who sees from 2 to 40 m, and beyond the LIDAR's range to the front left.
+fn recurrent(kind: Kind) -> RecurrentHuman {
+    let sizes = RecurrentSizes {
+        hidden: 48,
+        ..RecurrentSizes::HIGHWAY
+    };
+    let seed = 22 + u64::from(kind == Kind::Sqil);
+    let policy = RecurrentPolicy::new(sizes, &mut ChaCha8Rng::seed_from_u64(seed));
+    let visible_m = core::array::from_fn(|azimuth: usize| match azimuth {
+        3 => f32::INFINITY,
+        _ => 2.0 + (azimuth * 11 % AZIMUTHS) as f32 * 38.0 / 35.0,
+    });
+    RecurrentHuman::new(kind, Arc::new(policy), visible_m)
 }

@@ -1,0 +1,166 @@
+//! What a recurrent policy learns from: rounds as the person perceived them, step by step, with what they did.
+//!
+//! Participants' rounds are seen through what the person can really see (these models are told, paper §IV-A). Expert
+//! demonstrations in clear weather are added to them (paper §V, "Compared Methods"): everything is seen, and words are
+//! heard as in the self-model's training, so that the policy has met language before it is spoken to.
+
+use crate::demonstrations::Round;
+use crate::rollout::step_of;
+use domains::highway::road::RoadError;
+use domains::highway::{End, Expert, Observation, Scene, World};
+use models::observation::{AZIMUTHS, Encoded, PER_SECTOR, SECTORS, Shape};
+use models::utterances::UtteranceTable;
+use models::{Implants, RecurrentSizes};
+use nn::Tensor;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+/// Probability that a sector is spoken of in a step with words; the self-model's dropout (DESIGN §5).
+const SPOKEN: f32 = 0.35;
+/// Control steps after which an expert's round is cut.
+const LONGEST: usize = 400;
+
+/// One round as it was perceived.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lesson {
+    /// What the GRU takes, `input × steps`: masked observation, masks, a_{t−1}.
+    pub input: Tensor,
+    /// a_t, `2 × steps`.
+    pub action: Tensor,
+}
+
+impl Lesson {
+    /// Steps.
+    pub fn steps(&self) -> usize {
+        self.action.cols()
+    }
+
+    fn new(steps: usize) -> Self {
+        let sizes = RecurrentSizes::HIGHWAY;
+        Self {
+            input: Tensor::new(sizes.input(), steps),
+            action: Tensor::new(sizes.shape.action, steps),
+        }
+    }
+
+    fn set(&mut self, t: usize, encoded: &Encoded, action: [f32; 2]) {
+        let previous = match t {
+            0 => [0.0; 2],
+            _ => [self.action.column(t - 1)[0], self.action.column(t - 1)[1]],
+        };
+        let (observed, before) = self
+            .input
+            .column_mut(t)
+            .split_at_mut(Shape::HIGHWAY.encoded());
+        observed.copy_from_slice(encoded.rows.column(0));
+        before.copy_from_slice(&previous);
+        self.action.column_mut(t).copy_from_slice(&action);
+    }
+}
+
+/// A person's round without communication, seen up to `visible_m`.
+pub fn of_round(round: &Round, visible_m: &[f32; AZIMUTHS]) -> Lesson {
+    let mut lesson = Lesson::new(round.steps.len());
+    let mut encoded = Encoded::new(Shape::HIGHWAY, 1);
+    let unheard = [0.0; SECTORS * PER_SECTOR];
+    for (t, moment) in round.steps.iter().enumerate() {
+        let mut mask = [0.0; AZIMUTHS];
+        Implants::visible(visible_m, &moment.visual, &mut mask);
+        encoded.set(0, &moment.visual, &unheard, &mask, &[0.0; SECTORS]);
+        lesson.set(t, &encoded, moment.action);
+    }
+    lesson
+}
+
+/// Rounds of the expert in `scene`, who sees everything.
+///
+/// # Errors
+/// If the scene's road cannot be built.
+pub fn of_expert(
+    scene: Arc<Scene>,
+    table: &UtteranceTable,
+    seed: u64,
+    rounds: usize,
+) -> Result<Vec<Lesson>, RoadError> {
+    let mut world = World::new(scene)?;
+    let mut expert = Expert::new(&world);
+    let mut observation = Observation::default();
+    let mut encoded = Encoded::new(Shape::HIGHWAY, 1);
+    let mut verbal = [0.0; SECTORS * PER_SECTOR];
+    let mut lessons = Vec::with_capacity(rounds);
+    for round in 0..rounds as u32 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ u64::from(round) << 32 ^ 0x6c65_7373);
+        world.reset(seed, round);
+        expert.reset(&world);
+        let mut lived = Vec::new();
+        loop {
+            world.observe(&mut observation);
+            let action = expert.act(&world);
+            lived.push((step_of(&observation), action));
+            if world.step(action).end != End::Running || lived.len() == LONGEST {
+                break;
+            }
+        }
+        let mut lesson = Lesson::new(lived.len());
+        for (t, (step, action)) in lived.iter().enumerate() {
+            step.write_verbal(table, &mut verbal);
+            let talks = rng.random::<bool>();
+            let mask: [f32; SECTORS] = core::array::from_fn(|_| {
+                f32::from(u8::from(rng.random::<f32>() < SPOKEN && talks))
+            });
+            encoded.set(0, &step.visual, &verbal, &[1.0; AZIMUTHS], &mask);
+            lesson.set(t, &encoded, *action);
+        }
+        lessons.push(lesson);
+    }
+    Ok(lessons)
+}
+
+/// Holds out a quarter of the rounds, at least one of two or more, for validation: (to learn from, to validate on).
+pub fn hold_out(lessons: Vec<Lesson>) -> (Vec<Lesson>, Vec<Lesson>) {
+    let n = lessons.len();
+    let held = if n < 2 { 0 } else { n.div_ceil(4) };
+    // Evenly spread, the last one among them.
+    let is_held = |i: usize| held > 0 && (i + 1) * held / n > i * held / n;
+    let (mut learn, mut validate) = (Vec::new(), Vec::new());
+    for (i, lesson) in lessons.into_iter().enumerate() {
+        if is_held(i) {
+            validate.push(lesson);
+        } else {
+            learn.push(lesson);
+        }
+    }
+    (learn, validate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quarter_of_the_rounds_is_held_out() {
+        for (rounds, held) in [(1, 0), (2, 1), (4, 1), (6, 2), (20, 5)] {
+            let lessons = (0..rounds).map(|n| Lesson::new(n + 1)).collect();
+            let (learn, validate) = hold_out(lessons);
+            assert_eq!((learn.len(), validate.len()), (rounds - held, held));
+            let mut all: Vec<usize> = learn.iter().chain(&validate).map(Lesson::steps).collect();
+            all.sort_unstable();
+            assert_eq!(all, (1..=rounds).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn experts_hear_of_half_of_what_they_see() {
+        let scene = Arc::new(Scene::builtin("highway-clear").expect("a scene"));
+        let table = UtteranceTable::shipped().expect("utterances");
+        let lessons = of_expert(scene, &table, 3, 1).expect("a road");
+        let mask_row = Shape::HIGHWAY.encoded() - SECTORS;
+        let spoken = (0..lessons[0].steps())
+            .filter(|&t| lessons[0].input.column(t)[mask_row..mask_row + SECTORS].contains(&1.0))
+            .count();
+        let share = spoken as f32 / lessons[0].steps() as f32;
+        // 1 − (1 − 0.35)⁶ of every other step
+        assert!((0.3..0.6).contains(&share), "{share}");
+    }
+}
