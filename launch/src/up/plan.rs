@@ -260,8 +260,9 @@ impl Plan {
             "recorder" => plain.with_options(&recorder::Options {
                 record: self.recording(),
                 result: Some(self.recorder_result(run)),
-                about: self.about(run.run_id),
+                about: self.about(run)?,
                 road: road_lines(&self.scene)?,
+                ..recorder::Options::default()
             }),
             other => bail!("there is no process {other:?}"),
         };
@@ -273,15 +274,20 @@ impl Plan {
         run.directory().join("recorder-result.json")
     }
 
-    fn about(&self, run_id: u64) -> About {
-        About {
+    fn about(&self, run: &RunArguments) -> Result<About> {
+        let setup = match &self.record {
+            Some(_) => crate::replay::setup(self, run)?,
+            None => recorder::setup::Setup::default(),
+        };
+        Ok(About {
             scene: self.scene.name.clone(),
             human: self.human.name().to_owned(),
             planner: self.planner.name().to_owned(),
             seed: self.seed,
-            run_id,
+            run_id: run.run_id,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-        }
+            setup,
+        })
     }
 }
 
