@@ -12,6 +12,8 @@ use std::path::Path;
 
 /// Version of the JSON.
 const SCHEMA: &str = "mirror-replay/1";
+/// [`Decision::reason`] of a decision without a planner.
+const NO_PLANNER: u32 = 1;
 /// [`Decision::reason`] of a decision that the human model gave no answer to.
 const HUMAN_SILENT: u32 = 2;
 
@@ -37,8 +39,10 @@ pub struct Totals {
     pub steps_with_communication: u64,
     /// Cost of all that was decided.
     pub communication_cost: f64,
-    /// Mean predicted value of a decision.
-    pub value_mean: f64,
+    /// Decisions that were planned, and so have a value.
+    pub planned: u64,
+    /// Mean of their predicted values.
+    pub value_mean: Option<f64>,
     /// Mean log-likelihood of the actions that the person really took, under the human model's prediction a step before.
     pub log_likelihood_mean: Option<f64>,
 }
@@ -189,12 +193,12 @@ impl Report {
                 likelihoods[1] += f64::from(now);
             }
         }
-        let decisions = self.compared_decisions.max(1) as f64;
         for (totals, likelihood) in [&mut self.totals_then, &mut self.totals_now]
             .into_iter()
             .zip(likelihoods)
         {
-            totals.value_mean /= decisions;
+            let planned = totals.planned as f64;
+            totals.value_mean = totals.value_mean.map(|sum| sum / planned);
             totals.log_likelihood_mean =
                 (self.compared_actions > 0).then(|| likelihood / self.compared_actions as f64);
         }
@@ -278,22 +282,22 @@ impl Report {
             let (Some(then), now) = (row.then, row.now) else {
                 continue;
             };
-            let likelihood =
+            let or_dash =
                 |value: Option<f32>| value.map_or("–".to_owned(), |value| format!("{value:.2}"));
             let _ = writeln!(
                 out,
-                "{:>7}  {:>4}  {:>7.2}  {:<34}{:<34}{:>7.2} {:>7.2}{:>7.2} {:>5.2}{:>9} {:>7}{}",
+                "{:>7}  {:>4}  {:>7.2}  {:<34}{:<34}{:>7} {:>7}{:>7.2} {:>5.2}{:>9} {:>7}{}",
                 row.episode,
                 row.step + 1,
                 f64::from(row.step + 1) * f64::from(self.step_s),
                 said(&then),
                 said(&now),
-                then.value,
-                now.value,
+                or_dash(is_planned(&then).then_some(then.value)),
+                or_dash(is_planned(&now).then_some(now.value)),
                 then.cost,
                 now.cost,
-                likelihood(row.log_likelihood_then),
-                likelihood(row.log_likelihood_now),
+                or_dash(row.log_likelihood_then),
+                or_dash(row.log_likelihood_now),
                 if row.after_gap { "  after a gap" } else { "" },
             );
         }
@@ -339,13 +343,13 @@ impl Report {
             number(then.communication_cost),
             number(now.communication_cost),
         );
-        line(
-            "mean predicted value",
-            number(then.value_mean),
-            number(now.value_mean),
-        );
         let mean =
             |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
+        line(
+            "mean predicted value",
+            mean(then.value_mean),
+            mean(now.value_mean),
+        );
         line(
             &format!(
                 "mean log-likelihood of {} recorded actions",
@@ -411,8 +415,15 @@ impl Totals {
         self.verbal_items += u64::from(decision.verbal.count_ones());
         self.steps_with_communication += u64::from(decision.visual | decision.verbal != 0);
         self.communication_cost += f64::from(decision.cost);
-        self.value_mean += f64::from(decision.value);
+        if is_planned(decision) {
+            self.planned += 1;
+            *self.value_mean.get_or_insert(0.0) += f64::from(decision.value);
+        }
     }
+}
+
+fn is_planned(decision: &Decision) -> bool {
+    ![NO_PLANNER, HUMAN_SILENT].contains(&decision.reason)
 }
 
 /// A decision in words.
