@@ -16,9 +16,10 @@ use std::io::{self, Cursor, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Uncompressed bytes after which a chunk is closed: some four seconds of driving, the most that a killed recorder
-/// loses.
+/// Uncompressed bytes after which a chunk is closed …
 const CHUNK_BYTES: usize = 256 << 10;
+/// … and the time after which it is, if that comes first: the most that a killed recorder loses.
+const CHUNK_NS: u64 = 1_000_000_000;
 /// Name of the metadata record that closes a recording.
 pub const METADATA: &str = "mirror";
 
@@ -145,6 +146,8 @@ pub struct Recording {
     road: Option<Vec<RoadLine>>,
     cdr: Cdr,
     chunk_bytes: usize,
+    /// When the chunk's first message was sent.
+    chunk_start_ns: u64,
     /// Slept after every chunk.
     stall: Duration,
     taken: PerTopic,
@@ -188,6 +191,7 @@ impl Recording {
             road: Some(road.to_vec()),
             cdr: Cdr::default(),
             chunk_bytes: 0,
+            chunk_start_ns: 0,
             stall: Duration::ZERO,
             taken: [0; TOPICS.len()],
             sound: Vec::new(),
@@ -271,6 +275,9 @@ impl Recording {
             log_time: header.sent_ns,
             publish_time: header.cause_ns,
         };
+        if self.chunk_bytes == 0 {
+            self.chunk_start_ns = header.sent_ns;
+        }
         self.cdr.copy(message.bytes());
         writer.write_to_known_channel(
             &record(self.channels[message.topic()], header.sequence as u32),
@@ -293,7 +300,8 @@ impl Recording {
         }
         self.visuals.derive(message, &mut emit);
         result?;
-        if self.chunk_bytes >= CHUNK_BYTES {
+        let age_ns = header.sent_ns.saturating_sub(self.chunk_start_ns);
+        if self.chunk_bytes >= CHUNK_BYTES || age_ns >= CHUNK_NS {
             writer.flush()?;
             self.chunk_bytes = 0;
             self.mark_sound()?;

@@ -216,11 +216,12 @@ impl Reading {
         let expected = if self.received[topic] == 0 {
             0
         } else {
-            sequence + 1
+            sequence.saturating_add(1)
         };
         if TOPICS[topic].is_repeatable() {
             let lost = header.sequence.saturating_sub(expected);
-            *self.drive.gaps.entry(TOPICS[topic].name).or_default() += lost;
+            let gap = self.drive.gaps.entry(TOPICS[topic].name).or_default();
+            *gap = gap.saturating_add(lost);
         }
         self.last[topic] = (header.sequence, header.sent_ns);
         self.received[topic] += 1;
@@ -229,6 +230,9 @@ impl Reading {
 
     fn keep(&mut self, message: &Recorded) {
         let header = message.header();
+        if header.step == u32::MAX {
+            return; // no run comes that far, and the step after it has no number
+        }
         let at = (header.episode, header.step);
         let step = self.drive.steps.entry(at).or_default();
         match message {

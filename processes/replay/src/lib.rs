@@ -21,6 +21,7 @@ use messages::{
 };
 use runtime::{Input, Node, Output, Receive, RunArguments, Stamp, Wake};
 use serde::{Deserialize, Serialize};
+use std::ops::Bound::{Excluded, Included};
 use std::path::PathBuf;
 
 /// What the process needs besides its place in the run.
@@ -127,7 +128,7 @@ impl<'a> Player<'a> {
             let mut later = self
                 .drive
                 .steps
-                .range((episode, step + 1)..=(episode, u32::MAX));
+                .range((Excluded((episode, step)), Included((episode, u32::MAX))));
             !later.any(|(_, step)| step.is_whole())
         };
         if action.is_none() && is_last() {
