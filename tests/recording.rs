@@ -4,12 +4,12 @@
 //! and installs them into from PyPI. Where none of these works, it says so and passes.
 
 mod common;
+mod python;
 
 use common::{Bench, assert_nothing_left, instance, run, summary, told};
-use std::path::{Path, PathBuf};
+use python::python;
 use std::process::Command;
 
-const PACKAGES: [&str; 2] = ["mcap>=1.2", "mcap-ros2-support>=0.5"];
 const READER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/read_recording.py");
 
 #[test]
@@ -52,29 +52,4 @@ fn every_message_of_a_drive_decodes_in_python() {
         let decoded = found["topics"][derived]["messages"].as_u64().unwrap();
         assert!(decoded >= steps, "{derived}: {decoded} of {steps}");
     }
-}
-
-fn python() -> Option<PathBuf> {
-    let given = std::env::var_os("MIRROR_PYTHON").map(PathBuf::from);
-    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python");
-    let inside = made.join("bin/python3");
-    let candidates = [given, Some(PathBuf::from("python3")), Some(inside.clone())];
-    if let Some(python) = candidates.into_iter().flatten().find(|p| can_read(p)) {
-        return Some(python);
-    }
-    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
-    let installed = done(Command::new("python3").args(["-m", "venv"]).arg(&made))
-        && done(
-            Command::new(&inside)
-                .args(["-m", "pip", "install", "--quiet", "--timeout", "20"])
-                .args(PACKAGES),
-        );
-    (installed && can_read(&inside)).then_some(inside)
-}
-
-fn can_read(python: &Path) -> bool {
-    Command::new(python)
-        .args(["-c", "import mcap.reader, mcap_ros2.decoder"])
-        .output()
-        .is_ok_and(|output| output.status.success())
 }

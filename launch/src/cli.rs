@@ -22,6 +22,8 @@ pub struct Cli {
 pub enum Command {
     /// Start the process set, drive some episodes, and print what was communicated and a summary
     Up(UpArguments),
+    /// Feed a recorded drive to belief, human model and planner again: the same decisions, or those of another model
+    Replay(ReplayArguments),
     /// Record rounds that a simulated person drives without communication
     Demos(DemosArguments),
     /// Learn a model
@@ -101,6 +103,36 @@ pub struct UpArguments {
     /// Print no events, only the summary
     #[arg(long)]
     pub quiet: bool,
+}
+
+/// Options of `mirror replay`.
+#[derive(Args, Debug)]
+pub struct ReplayArguments {
+    /// What `mirror up --record` wrote; its further parts (FILE.part2.mcap …) are found beside it
+    #[arg(value_name = "FILE.mcap")]
+    pub recording: PathBuf,
+    /// Ask this human model instead of the recorded one
+    #[arg(long, value_name = "KIND")]
+    pub human: Option<String>,
+    /// Decide in this way instead of the recorded one
+    #[arg(long, value_name = "KIND", value_enum)]
+    pub planner: Option<PlannerKind>,
+    /// What the human model learned of the person [default: what the recording carries; for another human model, learned
+    /// at the start from the recorded simulated person]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub implants: Option<PathBuf>,
+    /// The robot's self-model [default: the recorded one, which must not have changed since]
+    #[arg(long, alias = "model", value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Write the comparison to this file, every step included
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+    /// Name of this set of processes, for running several at once [default: replay-PID]
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Print at most so many steps at which another decision is made; the summary file has all
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub lines: usize,
 }
 
 /// How to decide what to communicate.

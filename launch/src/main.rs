@@ -7,6 +7,7 @@ mod failure;
 mod inputs;
 mod learn;
 mod process;
+mod replay;
 mod screen;
 mod swap;
 mod train_self;
@@ -23,6 +24,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Up(arguments) => up::up(&arguments),
         Command::Swap(arguments) => swap::swap(&arguments),
+        Command::Replay(arguments) => replay::replay(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),

@@ -6,7 +6,7 @@
 mod children;
 pub mod door;
 mod heads;
-mod plan;
+pub mod plan;
 mod run;
 mod summary;
 mod supervise;

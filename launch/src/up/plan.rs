@@ -52,8 +52,6 @@ pub struct Plan {
     pub quiet: bool,
     /// Times in a row that a process is started again.
     pub restarts: u32,
-    /// Which part of the recording is written now, from 1.
-    part: u32,
 }
 
 impl Plan {
@@ -101,7 +99,6 @@ impl Plan {
             spin_us: arguments.spin,
             quiet: arguments.quiet,
             restarts: arguments.restarts,
-            part: 1,
             scene,
             driver,
         })
@@ -151,9 +148,6 @@ impl Plan {
                 changed.exec.remove(name);
             }
         }
-        if name == "recorder" {
-            changed.next_part();
-        }
         let Some(kind) = asked.kind.as_deref().filter(|kind| *kind != "same") else {
             return Ok(changed);
         };
@@ -186,20 +180,6 @@ impl Plan {
             "driver" => self.driver.name.clone(),
             _ => name.to_owned(),
         }
-    }
-
-    /// From now on, a recorder that starts writes another part of the recording.
-    pub fn next_part(&mut self) {
-        self.part += 1;
-    }
-
-    /// Where the recorder that starts next writes: the file that was asked for, then its further parts.
-    fn recording(&self) -> Option<PathBuf> {
-        let path = self.record.as_ref()?;
-        if self.part == 1 {
-            return Some(path.clone());
-        }
-        Some(path.with_extension(format!("part{}.mcap", self.part)))
     }
 
     /// The arguments that a process is started with.
@@ -257,10 +237,11 @@ impl Plan {
                 print: !self.quiet,
             }),
             "recorder" => plain.with_options(&recorder::Options {
-                record: self.recording(),
+                record: self.record.clone(),
                 result: Some(self.recorder_result(run)),
-                about: self.about(run.run_id),
+                about: self.about(run)?,
                 road: road_lines(&self.scene)?,
+                ..recorder::Options::default()
             }),
             other => bail!("there is no process {other:?}"),
         };
@@ -272,15 +253,20 @@ impl Plan {
         run.directory().join("recorder-result.json")
     }
 
-    fn about(&self, run_id: u64) -> About {
-        About {
+    fn about(&self, run: &RunArguments) -> Result<About> {
+        let setup = match &self.record {
+            Some(_) => crate::replay::setup(self, run)?,
+            None => recorder::setup::Setup::default(),
+        };
+        Ok(About {
             scene: self.scene.name.clone(),
             human: self.human.name().to_owned(),
             planner: self.planner.name().to_owned(),
             seed: self.seed,
-            run_id,
+            run_id: run.run_id,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-        }
+            setup,
+        })
     }
 }
 

@@ -170,9 +170,6 @@ impl<'a> Run<'a> {
         while let Some(place) = self.supervisor.due() {
             self.screen
                 .warn(&format!("mirror: starting {} again", NAMES[place]));
-            if place == RECORDER {
-                self.plan.next_part();
-            }
             self.children
                 .start(&self.plan, self.launcher, self.screen, place, true)?;
         }

@@ -217,7 +217,8 @@ impl Summary {
             summary.digest = summary
                 .recording
                 .as_ref()
-                .map(|recording| recording.digest.clone());
+                .map(|recording| recording.digest.clone())
+                .filter(|digest| !digest.is_empty());
         }
         summary
     }

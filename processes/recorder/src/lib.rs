@@ -1,21 +1,27 @@
 //! The recorder: writes every message of a run to an MCAP file that Foxglove, PlotJuggler and rosbag tools open, and
 //! computes the run's digest whether or not there is a file.
+//!
+//! A recorder that is killed leaves a file that is sound up to its last chunk. One that takes its place in the same run
+//! goes on in the next part ([`parts`]) and counts what was sent in between as lost.
 
 pub mod cdr;
+pub mod parts;
 pub mod queue;
+pub mod read;
 pub mod recording;
 pub mod result;
 pub mod ros;
+pub mod setup;
 pub mod topics;
 pub mod visual;
 
 use anyhow::{Context, Result};
 use queue::{BLOCKS, Queue, WhenFull};
-use recording::{About, Recording};
+use recording::{About, Lost, Recording};
 use result::RecorderResult;
 use runtime::{ClockMode, Digest, Node, RunArguments, Wake, now_ns};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use topics::{Inputs, PerTopic, Recorded, TOPICS};
 use visual::RoadLine;
@@ -39,6 +45,10 @@ pub struct Options {
     pub about: About,
     /// For the recording's picture of the road.
     pub road: Vec<RoadLine>,
+    /// For tests of a slow disk: how long the writer sleeps after every chunk, in milliseconds.
+    pub stall_ms_per_chunk: u64,
+    /// For the same tests: messages that the queue to the writer holds; 0 for [`BLOCKS`].
+    pub queue_blocks: usize,
 }
 
 /// Joins the run and records until it ends.
@@ -62,6 +72,9 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 struct Recorder {
     inputs: Inputs,
     taken: Taken,
+    /// This recorder's file, and those of recorders before it.
+    file: Option<PathBuf>,
+    before: Vec<PathBuf>,
 }
 
 /// What has been done with the messages so far.
@@ -69,7 +82,48 @@ struct Taken {
     queue: Option<Queue>,
     digest: Digest,
     received: PerTopic,
+    /// Each topic's first message: its sequence number, and whether what was sent before it was counted as lost by then.
+    first: [Option<(u64, bool)>; TOPICS.len()],
     has_complained: bool,
+}
+
+/// What recorders of the same run left.
+#[derive(Default)]
+struct Earlier {
+    parts: Vec<PathBuf>,
+    written: PerTopic,
+    /// Each topic's last sequence number.
+    last: [Option<u64>; TOPICS.len()],
+}
+
+impl Earlier {
+    fn read(parts: &[PathBuf]) -> Self {
+        let mut earlier = Self {
+            parts: parts.to_vec(),
+            ..Self::default()
+        };
+        for part in parts {
+            // A part without a whole message has nothing to say.
+            let _ = read::read(part, |message| {
+                let topic = message.topic();
+                earlier.written[topic] += 1;
+                earlier.last[topic] = Some(message.header().sequence);
+            });
+        }
+        earlier
+    }
+
+    /// Messages between the last of these recorders' and the first of this one's, by topic.
+    fn lost_between(&self, first: &[Option<(u64, bool)>; TOPICS.len()]) -> PerTopic {
+        core::array::from_fn(|topic| match (self.last[topic], first[topic]) {
+            // On these, every process counts for itself.
+            _ if !TOPICS[topic].is_repeatable() => 0,
+            // A sender that was replaced meanwhile counts from 0 again.
+            (Some(last), Some((first, _))) if first > last => first - last - 1,
+            (_, Some((first, false))) => first,
+            _ => 0,
+        })
+    }
 }
 
 impl Recorder {
@@ -78,23 +132,25 @@ impl Recorder {
             ClockMode::Lockstep => WhenFull::Grow,
             ClockMode::RealTime => WhenFull::Drop,
         };
-        let mut queue = None;
+        let (mut queue, mut file, mut before) = (None, None, Vec::new());
         if let Some(path) = &options.record {
-            let recording = Recording::create(path, &options.about, &options.road)?;
-            queue = Some(
-                Queue::start(recording, when_full, BLOCKS).context("starting the writer thread")?,
-            );
+            before = parts::parts_of(path, options.about.run_id);
+            let part = parts::part_path(path, before.len() + 1);
+            queue = Some(start_writer(&part, when_full, options)?);
+            file = Some(part);
         }
-        let received = [0; TOPICS.len()];
         let taken = Taken {
             queue,
             digest: Digest::new(),
-            received,
+            received: [0; TOPICS.len()],
+            first: [None; TOPICS.len()],
             has_complained: false,
         };
         Ok(Self {
             inputs: Inputs::new(node)?,
             taken,
+            file,
+            before,
         })
     }
 
@@ -121,16 +177,45 @@ impl Recorder {
 
     fn look(&mut self) -> Result<u64> {
         let taken = &mut self.taken;
-        Ok(self.inputs.drain(|message| taken.take(message))?)
+        Ok(self
+            .inputs
+            .drain(|message, lost| taken.take(message, lost))?)
     }
 
     fn finish(self, node: &mut Node, options: &Options) -> Result<()> {
-        let Self { inputs, taken } = self;
-        let ports = inputs.lost();
-        let written = taken.queue.map(|queue| queue.finish(&ports));
-        let written = options.record.as_deref().zip(written.as_ref());
-        let result = RecorderResult::new(taken.digest.hex(), &taken.received, &ports, written);
-        node.set_digest(taken.digest.finish());
+        let Self {
+            inputs,
+            taken,
+            file,
+            before,
+        } = self;
+        let earlier = Earlier::read(&before);
+        let lost = Lost {
+            ports: inputs.lost(),
+            restart: earlier.lost_between(&taken.first),
+            ..Lost::default()
+        };
+        let written = taken
+            .queue
+            .map(|queue| queue.finish(&lost.ports, &lost.restart));
+        let missed = lost.total() > 0;
+        let digest = match (&file, before.is_empty(), missed) {
+            (_, _, true) => None,
+            (_, true, _) => Some(taken.digest),
+            // All was received, but not by this process: the files hold it together.
+            (file, false, _) => digest_of(earlier.parts.iter().chain(file)),
+        };
+        let hex = digest.as_ref().map(Digest::hex).unwrap_or_default();
+        let mut result = RecorderResult::new(
+            hex,
+            &taken.received,
+            &lost,
+            file.as_deref().zip(written.as_ref()),
+        );
+        if !earlier.parts.is_empty() {
+            result.add_earlier(&earlier.parts, &earlier.written);
+        }
+        node.set_digest(digest.map_or([0; 32], |digest| digest.finish()));
         if let Some(path) = &options.result {
             result.save(path).context("recorder's result")?;
         }
@@ -147,10 +232,38 @@ impl Recorder {
     }
 }
 
+fn start_writer(part: &Path, when_full: WhenFull, options: &Options) -> Result<Queue> {
+    let mut recording = Recording::create(part, &options.about, &options.road)?;
+    recording.stall(Duration::from_millis(options.stall_ms_per_chunk));
+    let blocks = match options.queue_blocks {
+        0 => BLOCKS,
+        blocks => blocks,
+    };
+    Queue::start(recording, when_full, blocks).context("starting the writer thread")
+}
+
+/// The digest of what files hold together; none if one cannot be read.
+fn digest_of<'a>(files: impl Iterator<Item = &'a PathBuf>) -> Option<Digest> {
+    let mut digest = Digest::new();
+    for file in files {
+        let taken = read::read(file, |message| {
+            if TOPICS[message.topic()].is_repeatable() {
+                message.digest(&mut digest);
+            }
+        });
+        taken.ok()?;
+    }
+    Some(digest)
+}
+
 impl Taken {
-    fn take(&mut self, message: &Recorded) {
+    /// `lost`: messages that the topic's port has lost so far, those before its first message included if it was there
+    /// when the run began.
+    fn take(&mut self, message: &Recorded, lost: u64) {
         let topic = message.topic();
         self.received[topic] += 1;
+        let sequence = message.header().sequence;
+        self.first[topic].get_or_insert((sequence, lost >= sequence));
         if TOPICS[topic].is_repeatable() {
             message.digest(&mut self.digest);
         }

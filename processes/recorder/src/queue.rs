@@ -105,12 +105,14 @@ impl Queue {
         &self.dropped
     }
 
-    /// Waits until everything is on disk. `ports` are the losses at the recorder's ports.
-    pub fn finish(self, ports: &PerTopic) -> Written {
+    /// Waits until everything is on disk. `ports` are the losses at the recorder's ports, `restart` those before it
+    /// took the place of one that was killed.
+    pub fn finish(self, ports: &PerTopic, restart: &PerTopic) -> Written {
         let lost = Lost {
             ports: *ports,
             queue: self.dropped,
             disk: [0; TOPICS.len()],
+            restart: *restart,
         };
         let ended = self.full.send(Item::End(Box::new(lost))).is_ok();
         match self.writer.join() {

@@ -5,18 +5,21 @@
 //! missing. What could not be kept is counted by topic, and the run goes on.
 
 use crate::cdr::Cdr;
+use crate::setup::{self, Setup};
 use crate::topics::{PerTopic, Recorded, TOPICS};
 use crate::visual::{CHANNELS, Channel, RoadLine, Visuals};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Compression, McapError, WriteOptions, Writer};
+use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Cursor, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// Uncompressed bytes after which a chunk is closed: some four seconds of driving, the most that a killed recorder
-/// loses.
+/// Uncompressed bytes after which a chunk is closed …
 const CHUNK_BYTES: usize = 256 << 10;
+/// … and the time after which it is, if that comes first: the most that a killed recorder loses.
+const CHUNK_NS: u64 = 1_000_000_000;
 /// Name of the metadata record that closes a recording.
 pub const METADATA: &str = "mirror";
 
@@ -31,6 +34,14 @@ pub enum RecordingError {
         /// What the system says.
         source: io::Error,
     },
+    /// A model file that shall travel with the recording cannot be read.
+    #[error("recording {}: cannot attach {source}", path.display())]
+    Attach {
+        /// The recording.
+        path: PathBuf,
+        /// What the system says, with the file's name.
+        source: io::Error,
+    },
     /// The file was created, but its head could not be written.
     #[error("recording {}: cannot write its head: {source}", path.display())]
     Head {
@@ -41,8 +52,9 @@ pub enum RecordingError {
     },
 }
 
-/// What a recording is of; part of its closing metadata.
+/// What a recording is of; part of the metadata at its head and at its end.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct About {
     /// Scene name or file.
     pub scene: String,
@@ -56,6 +68,21 @@ pub struct About {
     pub run_id: u64,
     /// Version of MIRROR.
     pub version: String,
+    /// What a replay needs; at the head only.
+    pub setup: Setup,
+}
+
+impl About {
+    fn entries(&self) -> BTreeMap<String, String> {
+        BTreeMap::from([
+            ("scene".to_owned(), self.scene.clone()),
+            ("human".to_owned(), self.human.clone()),
+            ("planner".to_owned(), self.planner.clone()),
+            ("seed".to_owned(), self.seed.to_string()),
+            (setup::RUN_ID.to_owned(), self.run_id.to_string()),
+            ("version".to_owned(), self.version.clone()),
+        ])
+    }
 }
 
 /// Messages that never reached the recording, by topic.
@@ -67,12 +94,16 @@ pub struct Lost {
     pub queue: PerTopic,
     /// Dropped because the file could not take them.
     pub disk: PerTopic,
+    /// Sent between the last chunk of a recorder that was killed and the start of the one that took its place.
+    pub restart: PerTopic,
 }
 
 impl Lost {
     /// All losses of each topic.
     pub fn by_topic(&self) -> PerTopic {
-        core::array::from_fn(|topic| self.ports[topic] + self.queue[topic] + self.disk[topic])
+        core::array::from_fn(|topic| {
+            self.ports[topic] + self.queue[topic] + self.disk[topic] + self.restart[topic]
+        })
     }
 
     /// All losses.
@@ -115,6 +146,10 @@ pub struct Recording {
     road: Option<Vec<RoadLine>>,
     cdr: Cdr,
     chunk_bytes: usize,
+    /// When the chunk's first message was sent.
+    chunk_start_ns: u64,
+    /// Slept after every chunk.
+    stall: Duration,
     taken: PerTopic,
     /// Lengths at which the file is sound, and how much of each topic it then holds.
     sound: Vec<(u64, PerTopic)>,
@@ -128,6 +163,10 @@ impl Recording {
     /// # Errors
     /// [`RecordingError`] names the file.
     pub fn create(path: &Path, about: &About, road: &[RoadLine]) -> Result<Self, RecordingError> {
+        let attached = attachments(&about.setup).map_err(|source| RecordingError::Attach {
+            path: path.into(),
+            source,
+        })?;
         let open = || {
             let file = File::create(path)?;
             Ok((file.try_clone()?, file))
@@ -152,19 +191,38 @@ impl Recording {
             road: Some(road.to_vec()),
             cdr: Cdr::default(),
             chunk_bytes: 0,
+            chunk_start_ns: 0,
+            stall: Duration::ZERO,
             taken: [0; TOPICS.len()],
             sound: Vec::new(),
             error: None,
             interrupted: None,
         };
-        recording.write_head().map_err(head)?;
+        recording.write_head(&attached).map_err(head)?;
         Ok(recording)
     }
 
-    fn write_head(&mut self) -> Result<(), McapError> {
+    /// Makes the disk seem slow: after every chunk, the writer sleeps. For tests of what a slow disk does.
+    pub fn stall(&mut self, per_chunk: Duration) {
+        self.stall = per_chunk;
+    }
+
+    fn write_head(&mut self, attached: &[Attachment]) -> Result<(), McapError> {
         let Some(writer) = &mut self.writer else {
             return Ok(());
         };
+        let mut metadata = self.about.entries();
+        // Plain data; serialising fails only for a path that is not UTF-8, which cannot be recorded.
+        let setup = serde_json::to_string(&self.about.setup)
+            .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
+        metadata.insert(setup::KEY.to_owned(), setup);
+        writer.write_metadata(&Metadata {
+            name: setup::METADATA.to_owned(),
+            metadata,
+        })?;
+        for attachment in attached {
+            writer.attach(attachment)?;
+        }
         let none = BTreeMap::new();
         for (id, topic) in self.channels.iter_mut().zip(&TOPICS) {
             let name = topic.ros_type.replacen('/', "/msg/", 1);
@@ -217,6 +275,9 @@ impl Recording {
             log_time: header.sent_ns,
             publish_time: header.cause_ns,
         };
+        if self.chunk_bytes == 0 {
+            self.chunk_start_ns = header.sent_ns;
+        }
         self.cdr.copy(message.bytes());
         writer.write_to_known_channel(
             &record(self.channels[message.topic()], header.sequence as u32),
@@ -239,10 +300,14 @@ impl Recording {
         }
         self.visuals.derive(message, &mut emit);
         result?;
-        if self.chunk_bytes >= CHUNK_BYTES {
+        let age_ns = header.sent_ns.saturating_sub(self.chunk_start_ns);
+        if self.chunk_bytes >= CHUNK_BYTES || age_ns >= CHUNK_NS {
             writer.flush()?;
             self.chunk_bytes = 0;
             self.mark_sound()?;
+            if !self.stall.is_zero() {
+                std::thread::sleep(self.stall);
+            }
         }
         Ok(())
     }
@@ -302,6 +367,24 @@ impl Recording {
     }
 }
 
+/// The files that a setup wants attached.
+fn attachments(setup: &Setup) -> io::Result<Vec<Attachment<'static>>> {
+    let attached = setup.files.iter().filter(|(_, file)| file.attached);
+    let read = |(name, file): (&String, &setup::ModelFile)| {
+        let data = std::fs::read(&file.path).map_err(|error| {
+            io::Error::new(error.kind(), format!("{}: {error}", file.path.display()))
+        })?;
+        Ok(Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.clone(),
+            media_type: "application/octet-stream".to_owned(),
+            data: data.into(),
+        })
+    };
+    attached.map(read).collect()
+}
+
 /// Chunks are buffered so that each is one write, and compressed on the caller's thread.
 fn options() -> WriteOptions {
     WriteOptions::new()
@@ -333,15 +416,8 @@ fn closing(metadata: &Metadata) -> Result<Vec<u8>, McapError> {
 }
 
 fn metadata(about: &About, outcome: &Written) -> Metadata {
-    let mut entries = BTreeMap::from([
-        ("scene".to_owned(), about.scene.clone()),
-        ("human".to_owned(), about.human.clone()),
-        ("planner".to_owned(), about.planner.clone()),
-        ("seed".to_owned(), about.seed.to_string()),
-        ("run_id".to_owned(), about.run_id.to_string()),
-        ("version".to_owned(), about.version.clone()),
-        ("complete".to_owned(), outcome.is_complete().to_string()),
-    ]);
+    let mut entries = about.entries();
+    entries.insert("complete".to_owned(), outcome.is_complete().to_string());
     let lost = outcome.lost.by_topic();
     for (index, topic) in TOPICS.iter().enumerate() {
         entries.insert(

@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 
 /// Counts of one topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct TopicResult {
-    /// Messages that reached the recorder.
+    /// Messages that reached the recorder; of a recorder that was killed before, those in its part of the file.
     pub received: u64,
-    /// Messages in the file.
+    /// Messages in the file, all its parts together.
     pub written: u64,
     /// Messages that were sent and did not reach the recorder.
     pub lost_ports: u64,
@@ -20,12 +21,14 @@ pub struct TopicResult {
     pub lost_queue: u64,
     /// Messages dropped because the file could not take them.
     pub lost_disk: u64,
+    /// Messages sent between the last chunk of a recorder that was killed and the start of the one after it.
+    pub lost_restart: u64,
 }
 
 impl TopicResult {
     /// All messages of the topic that are missing.
     pub fn lost(&self) -> u64 {
-        self.lost_ports + self.lost_queue + self.lost_disk
+        self.lost_ports + self.lost_queue + self.lost_disk + self.lost_restart
     }
 }
 
@@ -33,10 +36,13 @@ impl TopicResult {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecorderResult {
     /// Digest of every message of the repeatable topics, as 64 hexadecimal digits (see
-    /// [`Topic::is_repeatable`](crate::topics::Topic::is_repeatable)).
+    /// [`Topic::is_repeatable`](crate::topics::Topic::is_repeatable)); empty where some never reached a recorder.
     pub digest: String,
     /// The recording, if one was asked for.
     pub file: Option<PathBuf>,
+    /// All files that it consists of: more than one where a recorder was killed or replaced.
+    #[serde(default)]
+    pub parts: Vec<PathBuf>,
     /// Whether nothing was lost: all that was sent was received and, if there is a file, is in it.
     pub complete: bool,
     /// Why writing ended early, if it did.
@@ -46,23 +52,18 @@ pub struct RecorderResult {
 }
 
 impl RecorderResult {
-    /// The result of a run whose messages were counted in `received`; `written` is `None` where no file was asked for.
+    /// The result of a run whose messages were counted in `received`; `lost` holds what never reached the recorder;
+    /// `written` is `None` where no file was asked for.
     pub fn new(
         digest: String,
         received: &PerTopic,
-        ports: &PerTopic,
+        lost: &Lost,
         written: Option<(&Path, &Written)>,
     ) -> Self {
         let counts = |topic: usize| {
             let (lost, in_file) = match written {
                 Some((_, written)) => (written.lost, written.written[topic]),
-                None => (
-                    Lost {
-                        ports: *ports,
-                        ..Lost::default()
-                    },
-                    0,
-                ),
+                None => (*lost, 0),
             };
             TopicResult {
                 received: received[topic],
@@ -70,6 +71,7 @@ impl RecorderResult {
                 lost_ports: lost.ports[topic],
                 lost_queue: lost.queue[topic],
                 lost_disk: lost.disk[topic],
+                lost_restart: lost.restart[topic],
             }
         };
         let topics: BTreeMap<_, _> = TOPICS
@@ -81,9 +83,25 @@ impl RecorderResult {
         Self {
             digest,
             file: written.map(|(path, _)| path.to_owned()),
+            parts: written
+                .map(|(path, _)| path.to_owned())
+                .into_iter()
+                .collect(),
             complete: error.is_none() && topics.values().all(|topic| topic.lost() == 0),
             error,
             topics,
+        }
+    }
+
+    /// Adds the parts that recorders of the same run wrote before: `written` messages in `parts`.
+    pub fn add_earlier(&mut self, parts: &[PathBuf], written: &PerTopic) {
+        self.file = parts.first().cloned();
+        self.parts.splice(..0, parts.iter().cloned());
+        for (topic, written) in TOPICS.iter().zip(written) {
+            if let Some(counts) = self.topics.get_mut(topic.name) {
+                counts.received += written;
+                counts.written += written;
+            }
         }
     }
 
@@ -121,7 +139,11 @@ mod tests {
         let path = folder.path().join("recorder.json");
         let mut ports = [0; TOPICS.len()];
         ports[2] = 3;
-        let result = RecorderResult::new("ab".to_owned(), &[7; TOPICS.len()], &ports, None);
+        let lost = Lost {
+            ports,
+            ..Lost::default()
+        };
+        let result = RecorderResult::new("ab".to_owned(), &[7; TOPICS.len()], &lost, None);
         assert!(!result.complete);
         assert_eq!(result.topics["world/outcome"].lost(), 3);
         result.save(&path)?;

@@ -58,6 +58,20 @@ macro_rules! topics {
                 match self { $(Self::$variant(_) => Index::$variant as usize,)* }
             }
 
+            /// The message that these bytes are, on the topic with this index into [`TOPICS`]; none if they are not
+            /// as many as the message has.
+            pub fn from_bytes(topic: usize, bytes: &[u8]) -> Option<Self> {
+                let mut index = 0;
+                $(
+                    if topic == index {
+                        return read_message::<$variant>(bytes).map(Self::$variant);
+                    }
+                    index += 1;
+                )*
+                let _ = index;
+                None
+            }
+
             /// The message's bytes, which are its CDR body.
             pub fn bytes(&self) -> &[u8] {
                 match self { $(Self::$variant(message) => message.bytes(),)* }
@@ -88,15 +102,17 @@ macro_rules! topics {
                 Ok(Self { $($field: node.input_with($topic, InputOptions::recorder())?,)* })
             }
 
-            /// Takes every message that waits and hands it to `take`; how many there were.
+            /// Takes every message that waits and hands it to `take`, with how many were lost on its topic so far; how
+            /// many there were.
             ///
             /// # Errors
             /// [`PortError::Receive`].
-            pub fn drain(&mut self, mut take: impl FnMut(&Recorded)) -> Result<u64, PortError> {
+            pub fn drain(&mut self, mut take: impl FnMut(&Recorded, u64)) -> Result<u64, PortError> {
                 let mut count = 0;
                 $(while self.$field.take()? {
+                    let lost = self.$field.lost();
                     if let Some(message) = self.$field.message() {
-                        take(&message.into());
+                        take(&message.into(), lost);
                         count += 1;
                     }
                 })*
@@ -124,6 +140,14 @@ topics! {
     report: Report on topic::REPORT;
 }
 
+/// A message from its bytes.
+fn read_message<M: Message>(bytes: &[u8]) -> Option<M> {
+    // SAFETY: as many bytes as the message has, and messages are plain numbers without padding, for which all bytes are
+    // valid.
+    (bytes.len() == size_of::<M>())
+        .then(|| unsafe { core::ptr::read_unaligned(bytes.as_ptr().cast()) })
+}
+
 /// A count per topic, in the order of [`TOPICS`].
 pub type PerTopic = [u64; TOPICS.len()];
 
@@ -147,5 +171,12 @@ mod tests {
         assert_eq!(TOPICS[recorded.topic()].name, "comm/display");
         assert_eq!(recorded.bytes(), display.bytes());
         assert_eq!(recorded.header().step, 7);
+        let read = Recorded::from_bytes(recorded.topic(), recorded.bytes());
+        assert_eq!(read, Some(recorded));
+        assert_eq!(
+            Recorded::from_bytes(recorded.topic(), &recorded.bytes()[1..]),
+            None
+        );
+        assert_eq!(Recorded::from_bytes(TOPICS.len(), recorded.bytes()), None);
     }
 }

@@ -41,8 +41,10 @@ def main(recording, sent=None):
     with open(recording, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         records = list(reader.iter_metadata())
-        assert [record.name for record in records] == ["mirror"], records
-        metadata = records[0].metadata
+        assert [record.name for record in records] == ["mirror.setup", "mirror"], records
+        head, metadata = (record.metadata for record in records)
+        json.loads(head.pop("setup"))
+        assert head.items() <= metadata.items(), (head, metadata)
         for schema, channel, message, value in reader.iter_decoded_messages(log_time_order=False):
             assert schema.encoding == "ros2msg" and channel.message_encoding == "cdr"
             if schema.id not in encoders:

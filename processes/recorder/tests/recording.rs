@@ -28,7 +28,7 @@ fn write(path: &Path, messages: &[Recorded]) -> recorder::recording::Written {
     for message in messages {
         queue.push(message);
     }
-    queue.finish(&[0; TOPICS.len()])
+    queue.finish(&[0; TOPICS.len()], &[0; TOPICS.len()])
 }
 
 fn all_messages() -> Vec<Recorded> {
@@ -40,8 +40,9 @@ fn closing_metadata(bytes: &[u8]) -> BTreeMap<String, String> {
     let summary = mcap::Summary::read(bytes)
         .expect("a sound file")
         .expect("an index");
-    assert_eq!(summary.metadata_indexes.len(), 1);
-    let metadata = mcap::read::metadata(bytes, &summary.metadata_indexes[0]).expect("metadata");
+    // The head's comes first.
+    assert_eq!(summary.metadata_indexes.len(), 2);
+    let metadata = mcap::read::metadata(bytes, &summary.metadata_indexes[1]).expect("metadata");
     assert_eq!(metadata.name, METADATA);
     metadata.metadata
 }
@@ -165,7 +166,7 @@ fn losses_mark_the_recording_incomplete() {
     }
     let mut ports = [0; TOPICS.len()];
     ports[3] = 5;
-    let written = queue.finish(&ports);
+    let written = queue.finish(&ports, &[0; TOPICS.len()]);
     assert!(!written.is_complete());
     assert_eq!(written.lost.total(), 5);
     let metadata = closing_metadata(&std::fs::read(&path).expect("the recording"));
@@ -182,7 +183,7 @@ fn a_queue_without_blocks_counts_every_message() {
     for message in all_messages() {
         queue.push(&message);
     }
-    let written = queue.finish(&[0; TOPICS.len()]);
+    let written = queue.finish(&[0; TOPICS.len()], &[0; TOPICS.len()]);
     assert_eq!(written.lost.queue, [u64::from(STEPS); TOPICS.len()]);
     assert_eq!(written.written, [0; TOPICS.len()]);
     assert!(!written.is_complete());

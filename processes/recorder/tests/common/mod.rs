@@ -18,6 +18,7 @@ pub fn about() -> About {
         seed: 7,
         run_id: 42,
         version: "0.1.0".to_owned(),
+        ..About::default()
     }
 }
 

@@ -1,0 +1,72 @@
+//! `mirror replay`: feeds a recorded drive to belief, human model and planner again, as processes of their own, in
+//! lockstep over shared memory, and compares what they say with what was said then.
+
+mod report;
+mod resolve;
+mod set;
+mod setup;
+
+pub use setup::setup;
+
+use crate::cli::ReplayArguments;
+use crate::doctor::SHARED_MEMORY_NEEDED;
+use crate::failure::Failure;
+use crate::inputs;
+use crate::screen::Screen;
+use anyhow::{Context, anyhow};
+use report::Report;
+use resolve::Resolved;
+use runtime::instance::{default_root, shared_memory_free};
+use runtime::{ClockMode, InstanceLock, Launcher, now_ns};
+use set::Set;
+use std::process::ExitCode;
+
+/// Runs `mirror replay`. Status 0 if the replay came to its end and, where everything is as it was recorded, every
+/// decision is the same; 1 if one differs that should not.
+pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
+    let summary = arguments.summary.as_deref();
+    let summary = summary.map(|path| inputs::writable("--summary", path));
+    let summary = summary.transpose().map_err(Failure::refused)?;
+    let drive = ::replay::Drive::read(&arguments.recording).map_err(Failure::refused)?;
+    let mut resolved = Resolved::new(arguments, &drive).map_err(Failure::refused)?;
+    let free = shared_memory_free();
+    if free < SHARED_MEMORY_NEEDED {
+        let (free, needed) = (free >> 20, SHARED_MEMORY_NEEDED >> 20);
+        return Err(Failure::refused(anyhow!(
+            "/dev/shm has {free} MiB free, a set of processes needs {needed}"
+        )));
+    }
+    let name = arguments.instance.clone();
+    let name = name.unwrap_or_else(|| format!("replay-{}", std::process::id()));
+    let lock = InstanceLock::acquire(&default_root(), &name).map_err(Failure::refused)?;
+    let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
+    let mut launcher = Launcher::open(lock, run_id, ClockMode::Lockstep)?;
+    let directory = launcher.arguments().directory();
+    resolved
+        .provide(&drive, &directory)
+        .map_err(Failure::refused)?;
+    let screen = Screen::new();
+    for warning in &resolved.warnings {
+        screen.warn(&format!("mirror: {warning}"));
+    }
+    let rows = directory.join("rows.jsonl");
+    let started = now_ns();
+    let mut set = Set::start(&launcher, &resolved, &arguments.recording, &rows, &screen)?;
+    let ended = set.play(&mut launcher, &screen);
+    set.end(&mut launcher, ended.is_ok());
+    screen.finish();
+    ended?;
+    let rows = ::replay::load_rows(&rows).context("the replay's rows")?;
+    launcher.clean()?;
+    let mut report = Report::new(&drive, &resolved, rows);
+    report.wall_seconds = (now_ns() - started) as f64 * 1e-9;
+    screen.line(&report.text(arguments.lines));
+    if let Some(path) = &summary {
+        report.save(path)?;
+    }
+    Ok(if report.reproduced == Some(false) {
+        ExitCode::FAILURE
+    } else {
+        ExitCode::SUCCESS
+    })
+}

@@ -1,0 +1,287 @@
+//! Which models a replay asks: the recorded ones, or those that the command line names in their place.
+
+use super::setup::{IMPLANTS, SELF_MODEL};
+use crate::cli::{PlannerKind, ReplayArguments};
+use crate::inputs;
+use crate::learn;
+use anyhow::{Context, Result, anyhow, bail};
+use driver::Driving;
+use models::Kind;
+use recorder::setup::{ModelFile, Setup, digest};
+use replay::Drive;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+
+/// What a replay runs, and what may be expected of it.
+pub struct Resolved {
+    /// What the recording was set up from.
+    pub setup: Setup,
+    /// For the belief process.
+    pub belief: belief::Options,
+    /// For the human-model process.
+    pub human: human::Options,
+    /// For the planner process.
+    pub planner: planner::Options,
+    /// Recorded human model and planner, by name.
+    pub then: (String, String),
+    /// Digest of the self-model that is used.
+    pub self_model: String,
+    /// Why the decisions need not be the recorded ones; where empty, they must be.
+    pub differences: Vec<String>,
+    /// What the user should know before the replay starts.
+    pub warnings: Vec<String>,
+    /// Where implants come from that the recording does not have.
+    implants: Implants,
+}
+
+enum Implants {
+    None,
+    Given(PathBuf),
+    Attached,
+    Learn,
+}
+
+impl Resolved {
+    /// Takes recorded options and what stands in for them.
+    ///
+    /// # Errors
+    /// Names the recording and what it lacks, the option, or the model file and both its digests.
+    pub fn new(arguments: &ReplayArguments, drive: &Drive) -> Result<Self> {
+        let file = arguments.recording.display();
+        let setup = drive.found.setup.clone().with_context(|| {
+            format!(
+                "{file}: has no metadata \"{}\" at its head that says what it was set up from: recorded by an earlier version",
+                recorder::setup::METADATA
+            )
+        })?;
+        let mut belief: belief::Options = options(&setup, "belief", &arguments.recording)?;
+        let mut human: human::Options = options(&setup, "human", &arguments.recording)?;
+        let mut planner: planner::Options = options(&setup, "planner", &arguments.recording)?;
+        let recorded_method = planner.method;
+        let then = (
+            human.kind.name().to_owned(),
+            method_name(planner.method).to_owned(),
+        );
+        let mut differences = Vec::new();
+        let mut warnings = Vec::new();
+
+        let kind = match &arguments.human {
+            Some(text) => inputs::human("--human", text)?,
+            None => human.kind,
+        };
+        let (model, self_model) = self_model(arguments, &setup, &mut differences, &mut warnings)?;
+        belief.model.clone_from(&model);
+        human.model.clone_from(&model);
+        planner.model = Some(model);
+        match arguments.planner {
+            Some(PlannerKind::Ce) => planner.method = planner::Method::Ce,
+            Some(PlannerKind::None) => planner.method = planner::Method::None,
+            None => {}
+        }
+        if kind != human.kind {
+            differences.push(format!(
+                "human model {} instead of {}",
+                kind.name(),
+                human.kind.name()
+            ));
+        }
+        if planner.method != recorded_method {
+            differences.push(format!(
+                "planner {} instead of {}",
+                method_name(planner.method),
+                then.1
+            ));
+        }
+        let implants = match (&arguments.implants, kind) {
+            (Some(_), Kind::Myself) => bail!("--implants: human model `self` has none"),
+            (Some(path), _) => {
+                let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+                let now = digest(&path).context("--implants")?;
+                if setup
+                    .files
+                    .get(IMPLANTS)
+                    .is_none_or(|then| then.blake3 != now)
+                {
+                    differences.push(format!("implants {}", path.display()));
+                }
+                Implants::Given(path)
+            }
+            (None, Kind::Myself) => Implants::None,
+            (None, kind) if kind == human.kind => Implants::Attached,
+            (None, _) => Implants::Learn,
+        };
+        human.kind = kind;
+        for process in ["belief", "human", "planner"] {
+            let is_replaced = match process {
+                "human" => arguments.human.is_some(),
+                "planner" => arguments.planner.is_some(),
+                _ => false,
+            };
+            if let Some(command) = setup.exec.get(process) {
+                if !is_replaced {
+                    warnings.push(format!(
+                        "{process} was the program `{command}`: our own stands in for it"
+                    ));
+                }
+                differences.push(format!("{process} was the program `{command}`"));
+            }
+        }
+        if setup.clock != "lockstep" {
+            differences.push(
+                "recorded in real time: then, processes took the newest message that was there; here, each takes its step's"
+                    .to_owned(),
+            );
+        }
+        if drive.kinds.len() > 1 {
+            let (episode, step) = drive.kinds[1].0;
+            differences.push(format!(
+                "another human model took over at episode {episode} step {step}"
+            ));
+        }
+        Ok(Self {
+            setup,
+            belief,
+            human,
+            planner,
+            then,
+            self_model,
+            differences,
+            warnings,
+            implants,
+        })
+    }
+
+    /// Puts the human model's implants where its process finds them, and checks that it can use them.
+    ///
+    /// # Errors
+    /// Names the file that cannot be used, or what is missing to learn from.
+    pub fn provide(&mut self, drive: &Drive, directory: &Path) -> Result<()> {
+        let path = directory.join("implants.safetensors");
+        self.human.implants = match &self.implants {
+            Implants::None => None,
+            Implants::Given(path) => Some(path.clone()),
+            Implants::Attached => {
+                let recording = drive.parts[0].file.display();
+                let known = self.setup.files.get(IMPLANTS);
+                let bytes = drive.found.attachments.get(IMPLANTS);
+                let (Some(known), Some(bytes)) = (known, bytes) else {
+                    bail!("{recording}: has no attachment \"{IMPLANTS}\"; give --implants");
+                };
+                let now = blake3::hash(bytes).to_hex().to_string();
+                if now != known.blake3 {
+                    bail!(
+                        "{recording}: attachment \"{IMPLANTS}\" is damaged: its digest is {now}, not {}",
+                        known.blake3
+                    );
+                }
+                std::fs::write(&path, bytes).with_context(|| path.display().to_string())?;
+                Some(path)
+            }
+            Implants::Learn => {
+                self.learn(&path)?;
+                Some(path)
+            }
+        };
+        self.human.load()?;
+        Ok(())
+    }
+
+    /// Learns what the recorded person sees and does, as `mirror up` would have at its start.
+    fn learn(&self, path: &Path) -> Result<()> {
+        let kind = self.human.kind;
+        let world: world::Options = options(&self.setup, "world", path)?;
+        let driver: driver::Options = options(&self.setup, "driver", path)?;
+        let Driving::Simulated(person) = &driver.person else {
+            bail!(
+                "--human {} needs --implants for a recorded driver",
+                kind.name()
+            );
+        };
+        let model = models::checkpoint::load_self_model(&self.human.model)?;
+        let mut scene = world.scene;
+        if let Some(file) = &world.recording {
+            let scenario = domains::commonroad::Scenario::read(file)?;
+            scene.course = Some(std::sync::Arc::new(scenario.course(world.seat)?));
+        }
+        learn::at_start(&scene, person, kind, &model, path)
+    }
+}
+
+/// The planner's name on the command line.
+pub fn method_name(method: planner::Method) -> &'static str {
+    match method {
+        planner::Method::Ce => "ce",
+        planner::Method::None => "none",
+    }
+}
+
+/// A process's recorded options.
+fn options<T: DeserializeOwned>(setup: &Setup, process: &str, recording: &Path) -> Result<T> {
+    let place = || {
+        format!(
+            "{}: metadata \"{}\": options of {process}",
+            recording.display(),
+            recorder::setup::METADATA
+        )
+    };
+    let options = setup
+        .options
+        .get(process)
+        .with_context(|| format!("{}: there are none", place()))?;
+    serde_json::from_value(options.clone()).with_context(place)
+}
+
+/// The self-model's file and digest: the given one, or the recorded one as it was then.
+fn self_model(
+    arguments: &ReplayArguments,
+    setup: &Setup,
+    differences: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<(PathBuf, String)> {
+    let recorded = setup.files.get(SELF_MODEL).with_context(|| {
+        format!(
+            "{}: metadata \"{}\": does not name the self-model",
+            arguments.recording.display(),
+            recorder::setup::METADATA
+        )
+    })?;
+    if let Some(path) = &arguments.self_model {
+        let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+        let now = digest(&path).context("--self-model")?;
+        if now != recorded.blake3 {
+            differences.push(format!(
+                "self-model {} instead of {}",
+                path.display(),
+                recorded.path.display()
+            ));
+        }
+        return Ok((path, now));
+    }
+    let shipped = inputs::pretrained().join("highway-self.safetensors");
+    for path in [&recorded.path, &shipped] {
+        if digest(path).is_ok_and(|now| now == recorded.blake3) {
+            return Ok((path.clone(), recorded.blake3.clone()));
+        }
+    }
+    let ModelFile {
+        path, blake3: then, ..
+    } = recorded;
+    match digest(path) {
+        Ok(now) if arguments.human.is_some() => {
+            let text = format!(
+                "self-model {} has changed since: digest {then} then, {now} now",
+                path.display()
+            );
+            warnings.push(text.clone());
+            differences.push(text);
+            Ok((path.clone(), now))
+        }
+        Ok(now) => Err(anyhow!(
+            "self-model {} has changed since the recording: its digest was {then} then and is {now} now; name another file with --self-model, or another --human to compare with",
+            path.display()
+        )),
+        Err(error) => Err(anyhow!(
+            "self-model of the recording, digest {then}: {error}; name another file with --self-model"
+        )),
+    }
+}

@@ -1,0 +1,52 @@
+//! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
+
+use crate::process::NAMES;
+use crate::up::plan::Plan;
+use anyhow::{Context, Result};
+use recorder::setup::{ModelFile, SCHEMA, Setup};
+use runtime::{ClockMode, RunArguments};
+use std::collections::BTreeMap;
+
+/// Name of the robot's self-model in [`Setup::files`]: known by its digest, because it is large and ships.
+pub const SELF_MODEL: &str = "self-model";
+/// Name of what was learned of the person: attached, because `mirror up` learns it anew at every start.
+pub const IMPLANTS: &str = "implants";
+
+/// What to write at the head of a recording.
+///
+/// # Errors
+/// When a model file cannot be read.
+pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
+    let mut options = BTreeMap::new();
+    for (index, process) in NAMES.into_iter().enumerate() {
+        if process != "recorder" {
+            options.insert(process.to_owned(), plan.arguments(run, index)?.options);
+        }
+    }
+    let human: human::Options =
+        serde_json::from_value(options["human"].clone()).context("options of human")?;
+    let identify = |path, attached| {
+        ModelFile::identify(path, attached).context("what the recording shall say about its models")
+    };
+    let mut files = BTreeMap::new();
+    files.insert(SELF_MODEL.to_owned(), identify(&plan.self_model.0, false)?);
+    if let Some(path) = &human.implants {
+        files.insert(IMPLANTS.to_owned(), identify(path, true)?);
+    }
+    let clock = match plan.clock {
+        ClockMode::Lockstep => "lockstep",
+        ClockMode::RealTime => "realtime",
+    };
+    Ok(Setup {
+        schema: SCHEMA,
+        clock: clock.to_owned(),
+        driver: plan.driver.name.clone(),
+        options,
+        files,
+        exec: plan
+            .exec
+            .iter()
+            .map(|(process, command)| ((*process).to_owned(), command.clone()))
+            .collect(),
+    })
+}

@@ -1,0 +1,294 @@
+//! A recorded drive, step by step: what was sensed, shown and done, and what was believed and decided then.
+
+use messages::{
+    CommAction, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Outcome,
+    RobotBelief, topic,
+};
+use recorder::parts::parts_of;
+use recorder::read::{Ending, Found, ReadError, read, run_of};
+use recorder::topics::{PerTopic, Recorded, TOPICS};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Topics that a recording must have for a replay.
+const NEEDED: [&str; 6] = [
+    topic::LIDAR,
+    topic::DISPLAY,
+    topic::DRIVER_ACTION,
+    topic::ROBOT_BELIEF,
+    topic::HUMAN_BELIEF,
+    topic::COMM_ACTION,
+];
+
+/// Why a drive cannot be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// No message of ours is in it.
+    #[error("{}: holds no message of a run ({ending})", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// How the file ends.
+        ending: Ending,
+    },
+    /// It was not recorded from a whole set, or breaks off before all topics had a message.
+    #[error("{}: no message on {topics} ({ending})", path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// The topics.
+        topics: String,
+        /// How the file ends.
+        ending: Ending,
+    },
+    /// Messages of all topics are there, but no step has what is needed.
+    #[error("{}: no step has a LIDAR frame and a display ({ending})", path.display())]
+    NoStep {
+        /// The file.
+        path: PathBuf,
+        /// How the file ends.
+        ending: Ending,
+    },
+}
+
+/// What comparing needs of a message that it has no other use for: all its bytes but the header's.
+pub type Digest = [u8; 32];
+
+/// BLAKE3 of a message without its header, which holds what differs between equal runs: run identity, sequence number,
+/// times and compute time.
+pub fn digest_of<M: Message>(message: &M) -> Digest {
+    // `message!` puts the header first.
+    *blake3::hash(&message.bytes()[size_of::<Header>()..]).as_bytes()
+}
+
+/// What the human model said about a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HumanSaid {
+    /// Its message.
+    pub digest: Digest,
+    /// Log-likelihood of the action before this step.
+    pub log_likelihood: f32,
+    /// Which model spoke.
+    pub kind: [u8; 16],
+}
+
+impl From<&HumanBelief> for HumanSaid {
+    fn from(belief: &HumanBelief) -> Self {
+        Self {
+            digest: digest_of(belief),
+            log_likelihood: belief.log_likelihood,
+            kind: belief.kind,
+        }
+    }
+}
+
+/// A recorded step; whatever is missing in the recording is missing here.
+#[derive(Clone, Debug, Default)]
+pub struct Step {
+    /// What was sensed.
+    pub lidar: Option<Box<LidarFrame>>,
+    /// What the step before led to.
+    pub outcome: Option<Outcome>,
+    /// What was shown and said. In real time a step may be shown twice, when its decision comes late: the last display
+    /// counts, with the words of the one that had words.
+    pub display: Option<Box<Display>>,
+    /// What the person did.
+    pub action: Option<DriverAction>,
+    /// What the robot believed.
+    pub robot: Option<Digest>,
+    /// What the human model said.
+    pub human: Option<HumanSaid>,
+    /// What was decided for this step, one step before.
+    pub decision: Option<CommAction>,
+}
+
+impl Step {
+    /// Whether the step can be replayed; a missing action is filled in.
+    pub fn is_whole(&self) -> bool {
+        self.lidar.is_some() && self.display.is_some()
+    }
+
+    fn is_empty(&self) -> bool {
+        self.lidar.is_none()
+            && self.outcome.is_none()
+            && self.display.is_none()
+            && self.action.is_none()
+            && self.robot.is_none()
+            && self.human.is_none()
+            && self.decision.is_none()
+    }
+
+    fn show(&mut self, display: &Display) {
+        let mut display = *display;
+        if let Some(before) = &self.display
+            && display.utterance_count == 0
+        {
+            display.utterances = before.utterances;
+            display.utterance_count = before.utterance_count;
+        }
+        self.display = Some(Box::new(display));
+    }
+}
+
+/// One file of a recording, as it was found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// The file.
+    pub file: PathBuf,
+    /// Messages read from it, all topics together.
+    pub messages: u64,
+    /// Where and why it breaks off, if it does.
+    pub cut: Option<String>,
+    /// Messages lost before they reached it, as it says itself; a part that was cut cannot say.
+    pub counted_lost: Option<u64>,
+}
+
+/// A recorded drive.
+#[derive(Clone, Debug, Default)]
+pub struct Drive {
+    /// By episode and step.
+    pub steps: BTreeMap<(u32, u32), Step>,
+    /// The files that it was read from.
+    pub parts: Vec<Part>,
+    /// What stood at the first part's head and end.
+    pub found: Found,
+    /// Messages missing inside the recording, by topic: gaps in the sequence numbers.
+    pub gaps: BTreeMap<&'static str, u64>,
+    /// Places at which another kind of human model began to speak.
+    pub kinds: Vec<((u32, u32), [u8; 16])>,
+}
+
+impl Drive {
+    /// Reads a recording with all its parts.
+    ///
+    /// # Errors
+    /// [`DriveError`] with the file's name and the place in it. A recording that breaks off, or has gaps, is no error.
+    pub fn read(path: &Path) -> Result<Self, DriveError> {
+        let mut reading = Reading::default();
+        let mut parts = run_of(path).map_or_else(Vec::new, |run_id| parts_of(path, run_id));
+        if parts.is_empty() {
+            parts.push(path.to_owned());
+        }
+        for part in &parts {
+            reading.floor = reading.last.map(|(_, sent_ns)| sent_ns);
+            let found = read(part, |message| reading.take(message))?;
+            reading.drive.parts.push(Part {
+                file: part.clone(),
+                messages: found.messages.iter().sum(),
+                cut: match &found.ending {
+                    Ending::Closed => None,
+                    cut => Some(cut.to_string()),
+                },
+                counted_lost: found.counted_lost(),
+            });
+            if reading.drive.parts.len() == 1 {
+                reading.drive.found = found;
+            }
+        }
+        reading.finish(path)
+    }
+}
+
+/// A drive being read.
+#[derive(Default)]
+struct Reading {
+    drive: Drive,
+    received: PerTopic,
+    /// Each topic's last message: sequence number, time sent.
+    last: [(u64, u64); TOPICS.len()],
+    /// Times of each topic's last message in earlier parts.
+    floor: PerTopic,
+}
+
+impl Reading {
+    fn take(&mut self, message: &Recorded) {
+        let (topic, header) = (message.topic(), message.header());
+        // Two recorders may have listened for a while, one taking over from the other.
+        if header.sent_ns <= self.floor[topic] {
+            return;
+        }
+        let (sequence, _) = self.last[topic];
+        // A sender that took another's place counts from 0 again.
+        let expected = if self.received[topic] == 0 {
+            0
+        } else {
+            sequence.saturating_add(1)
+        };
+        if TOPICS[topic].is_repeatable() {
+            let lost = header.sequence.saturating_sub(expected);
+            let gap = self.drive.gaps.entry(TOPICS[topic].name).or_default();
+            *gap = gap.saturating_add(lost);
+        }
+        self.last[topic] = (header.sequence, header.sent_ns);
+        self.received[topic] += 1;
+        self.keep(message);
+    }
+
+    fn keep(&mut self, message: &Recorded) {
+        let header = message.header();
+        if header.step == u32::MAX {
+            return; // no run comes that far, and the step after it has no number
+        }
+        let at = (header.episode, header.step);
+        let step = self.drive.steps.entry(at).or_default();
+        match message {
+            Recorded::LidarFrame(frame) => step.lidar = Some(Box::new(*frame)),
+            Recorded::Outcome(outcome) => step.outcome = Some(*outcome),
+            Recorded::Display(display) => step.show(display),
+            Recorded::DriverAction(action) => step.action = Some(*action),
+            Recorded::RobotBelief(belief) => step.robot = Some(digest_of::<RobotBelief>(belief)),
+            Recorded::HumanBelief(belief) => {
+                step.human = Some(belief.into());
+                if self
+                    .drive
+                    .kinds
+                    .last()
+                    .is_none_or(|(_, kind)| *kind != belief.kind)
+                {
+                    self.drive.kinds.push((at, belief.kind));
+                }
+            }
+            Recorded::CommAction(decision) => step.decision = Some(*decision),
+            // These are no part of a step, and must not begin one.
+            Recorded::Scene(_) | Recorded::Control(_) | Recorded::Report(_) => {
+                if step.is_empty() {
+                    self.drive.steps.remove(&at);
+                }
+            }
+        }
+    }
+
+    fn finish(mut self, path: &Path) -> Result<Drive, DriveError> {
+        self.drive.gaps.retain(|_, lost| *lost > 0);
+        let path = path.to_owned();
+        let ending = self.drive.found.ending.clone();
+        if self.received.iter().sum::<u64>() == 0 {
+            return Err(DriveError::Empty { path, ending });
+        }
+        let is_missing = |name: &&&str| {
+            let mut topics = TOPICS.iter().zip(self.received);
+            topics.any(|(topic, count)| topic.name == **name && count == 0)
+        };
+        let missing: Vec<_> = NEEDED
+            .iter()
+            .filter(is_missing)
+            .map(|name| format!("/{name}"))
+            .collect();
+        if !missing.is_empty() {
+            let topics = missing.join(", ");
+            return Err(DriveError::Missing {
+                path,
+                topics,
+                ending,
+            });
+        }
+        if !self.drive.steps.values().any(Step::is_whole) {
+            return Err(DriveError::NoStep { path, ending });
+        }
+        Ok(self.drive)
+    }
+}

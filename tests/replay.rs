@@ -1,0 +1,422 @@
+//! Replaying recorded drives over real processes: the same decisions bit for bit with the recorded models, others with
+//! other models, up to the cut of a recording that was cut, around the gaps of one that has gaps.
+
+mod common;
+
+use common::{Bench, assert_nothing_left, instance, mirror, run, summary, told};
+use recorder::recording::{About, Recording};
+use recorder::setup::{ModelFile, Setup};
+use recorder::topics::{Recorded, TOPICS};
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// A drive of some dozen steps, planned with few samples.
+const SCENE: &str = "name = \"short\"
+[fog]
+front_m = 15.0
+side_m = 8.0
+rear_m = 3.0
+[planning]
+samples = 40
+elites = 10
+iterations = 2
+horizon = 2
+[episode]
+max_steps = 25
+";
+
+struct Recorder {
+    test: &'static str,
+    bench: Bench,
+    drive: PathBuf,
+}
+
+impl Recorder {
+    /// Records two short episodes with the planner and implants of a person; the implants' file is gone afterwards.
+    fn drive(test: &'static str, more: &[&str]) -> Self {
+        let bench = Bench::new();
+        bench.write_implants();
+        let scene = bench.write("short.toml", SCENE);
+        let (drive, model) = (bench.path("drive.mcap"), bench.path("self.safetensors"));
+        let implants = bench.path("implants.safetensors");
+        let name = instance(test);
+        let mut command = mirror();
+        command.args([
+            "up",
+            "--episodes",
+            "2",
+            "--quiet",
+            "--instance",
+            &name,
+            "--scene",
+        ]);
+        command
+            .arg(scene)
+            .arg("--self-model")
+            .arg(model)
+            .arg("--record")
+            .arg(&drive);
+        if !more.contains(&"--human") {
+            command.arg("--implants").arg(&implants);
+        }
+        let output = run(command.args(more));
+        assert!(output.status.success(), "{}", told(&output));
+        std::fs::remove_file(implants).unwrap();
+        Self { test, bench, drive }
+    }
+
+    /// Replays a recording; what came out, and the summary.
+    fn replay(&self, recording: &Path, more: &[&str]) -> (Output, serde_json::Value) {
+        let file = self.bench.path("replay.json");
+        let name = instance(&format!("{}-replay", self.test));
+        let mut command = mirror();
+        command
+            .arg("replay")
+            .arg(recording)
+            .args(["--instance", &name, "--summary"])
+            .arg(&file);
+        let output = run(command.args(more));
+        assert_nothing_left(&name);
+        assert!(output.status.success(), "{}", told(&output));
+        (output, summary(&file))
+    }
+
+    /// Replays what cannot be replayed.
+    fn refused(&self, recording: &Path, more: &[&str], words: &[&str]) {
+        let name = instance(&format!("{}-bad", self.test));
+        let mut command = mirror();
+        let output = run(command
+            .arg("replay")
+            .arg(recording)
+            .args(["--instance", &name])
+            .args(more));
+        assert_eq!(output.status.code(), Some(2), "{}", told(&output));
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        for word in words {
+            assert!(error.contains(word), "no {word:?} in {error}");
+        }
+        assert!(!error.contains("panicked"), "{error}");
+        assert_nothing_left(&name);
+    }
+
+    /// The recording again, without the messages that `keep` refuses; it keeps the run's setup.
+    fn without(&self, name: &str, mut keep: impl FnMut(&Recorded) -> bool) -> PathBuf {
+        let mut kept = Vec::new();
+        let found = recorder::read::read(&self.drive, |message| {
+            if keep(message) {
+                kept.push(*message);
+            }
+        });
+        let found = found.unwrap();
+        let mut setup: Setup = found.setup.unwrap();
+        let attached = self.bench.write("attached", &found.attachments["implants"]);
+        let file = ModelFile::identify(&attached, true).unwrap();
+        setup.files.insert("implants".to_owned(), file);
+        let about = About {
+            run_id: found.run_id.unwrap(),
+            setup,
+            ..About::default()
+        };
+        let path = self.bench.path(name);
+        let mut recording = Recording::create(&path, &about, &[]).unwrap();
+        for message in &kept {
+            recording.write(message);
+        }
+        assert!(recording.finish(&Default::default()).is_complete());
+        path
+    }
+}
+
+fn says(output: &Output, words: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    for word in words {
+        assert!(text.contains(word), "no {word:?} in {text}");
+    }
+}
+
+#[test]
+fn the_recorded_models_decide_the_same_bit_for_bit() {
+    let recorder = Recorder::drive("same", &[]);
+    let (output, summary) = recorder.replay(&recorder.drive, &[]);
+    assert_eq!(summary["schema"], "mirror-replay/1");
+    assert_eq!(summary["reproduced"], true, "{}", told(&output));
+    assert_eq!(summary["differences"].as_array().unwrap().len(), 0);
+    assert!(summary["steps"].as_u64().unwrap() >= 20, "{summary}");
+    for what in ["robot_beliefs", "human_beliefs", "decisions"] {
+        assert_eq!(summary[what]["compared"], summary["steps"], "{what}");
+        assert_eq!(summary[what]["same"], summary["steps"], "{what}");
+    }
+    assert_eq!(summary["differing_decisions"], 0);
+    assert_eq!(summary["skipped_steps"], 0);
+    // Not the trivial case: something was communicated, and values differ from step to step.
+    assert!(summary["totals_then"]["visual_items"].as_u64().unwrap() > 0);
+    assert_eq!(summary["totals_then"], summary["totals_now"]);
+    says(&output, &["REPRODUCED bit for bit"]);
+}
+
+/// A replay that reports equality whatever is in the file would pass the test above.
+#[test]
+fn a_recording_that_was_tampered_with_is_not_reproduced() {
+    let recorder = Recorder::drive("tampered", &[]);
+    let mut original = None;
+    let path = recorder.without("tampered.mcap", |message| {
+        if let Recorded::LidarFrame(frame) = message
+            && (frame.header.episode, frame.header.step) == (0, 5)
+        {
+            original = Some(*frame);
+        }
+        true
+    });
+    // The frame of one step says something else, far to the front.
+    let mut bytes = Vec::new();
+    let mut tampered = original.unwrap();
+    tampered.range[0] = if tampered.range[0] < 0.5 { 0.9 } else { 0.1 };
+    let found = recorder::read::read(&path, |message| {
+        bytes.push(match message {
+            Recorded::LidarFrame(frame) if frame.header == tampered.header => (&tampered).into(),
+            other => *other,
+        });
+    });
+    let found = found.unwrap();
+    let about = About {
+        run_id: found.run_id.unwrap(),
+        setup: found.setup.unwrap(),
+        ..About::default()
+    };
+    let mut recording = Recording::create(&path, &about, &[]).unwrap();
+    for message in &bytes {
+        recording.write(message);
+    }
+    recording.finish(&Default::default());
+    let file = recorder.bench.path("tampered.json");
+    let name = instance("tampered-replay");
+    let mut command = mirror();
+    command
+        .arg("replay")
+        .arg(&path)
+        .args(["--instance", &name, "--summary"])
+        .arg(&file);
+    let output = run(&mut command);
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    let summary = summary(&file);
+    assert_eq!(summary["reproduced"], false);
+    assert_eq!(
+        summary["robot_beliefs"]["first_difference"],
+        serde_json::json!([0, 5])
+    );
+    says(
+        &output,
+        &["NOT REPRODUCED", "first difference at episode 0 step 5"],
+    );
+    assert_nothing_left(&name);
+}
+
+#[test]
+fn a_cut_recording_replays_up_to_the_cut() {
+    let recorder = Recorder::drive("cut", &[]);
+    let bytes = std::fs::read(&recorder.drive).unwrap();
+    let mut steps = Vec::new();
+    for part in [10, 5] {
+        let cut = recorder
+            .bench
+            .write("cut.mcap", &bytes[..bytes.len() * part / 11]);
+        let (output, summary) = recorder.replay(&cut, &[]);
+        assert_eq!(summary["reproduced"], true, "{}", told(&output));
+        let found = &summary["parts"][0];
+        assert!(
+            found["cut"].as_str().unwrap().contains("at byte"),
+            "{found}"
+        );
+        assert!(found["messages"].as_u64().unwrap() > 0);
+        says(&output, &["CUT SHORT", "REPRODUCED bit for bit"]);
+        steps.push(summary["steps"].as_u64().unwrap());
+    }
+    assert!(steps[1] > 0 && steps[1] < steps[0], "{steps:?}");
+    let head = recorder.bench.write("head.mcap", &bytes[..600]);
+    recorder.refused(&head, &[], &["head.mcap", "holds no message", "at byte"]);
+}
+
+#[test]
+fn another_human_model_or_planner_says_something_else() {
+    let recorder = Recorder::drive("other", &[]);
+    let (output, summary) = recorder.replay(&recorder.drive, &["--human", "self"]);
+    assert_eq!(summary["then"]["human"], "mirror");
+    assert_eq!(summary["now"]["human"], "self");
+    assert_eq!(summary["reproduced"], serde_json::Value::Null);
+    // The robot saw the same; the model of the person did not.
+    assert_eq!(
+        summary["robot_beliefs"]["same"],
+        summary["robot_beliefs"]["compared"]
+    );
+    assert_eq!(summary["human_beliefs"]["same"], 0);
+    let (then, now) = (&summary["totals_then"], &summary["totals_now"]);
+    assert_ne!(then["log_likelihood_mean"], now["log_likelihood_mean"]);
+    let actions = summary["compared_actions"].as_u64().unwrap();
+    assert_eq!(
+        actions + 2,
+        summary["steps"].as_u64().unwrap(),
+        "all but each episode's last"
+    );
+    says(
+        &output,
+        &["human model self instead of mirror", "mean log-likelihood"],
+    );
+    // The sums are those of the steps.
+    let steps = summary["step_list"].as_array().unwrap();
+    let mean = |field: &str| {
+        let known = steps.iter().filter_map(|step| step[field].as_f64());
+        known.sum::<f64>() / actions as f64
+    };
+    for (field, totals) in [("log_likelihood_then", then), ("log_likelihood_now", now)] {
+        let reported = totals["log_likelihood_mean"].as_f64().unwrap();
+        assert!(
+            (mean(field) - reported).abs() < 1e-3,
+            "{field}: {} {reported}",
+            mean(field)
+        );
+    }
+
+    let (output, summary) =
+        recorder.replay(&recorder.drive, &["--planner", "none", "--lines", "2"]);
+    assert_eq!(
+        summary["human_beliefs"]["same"],
+        summary["human_beliefs"]["compared"]
+    );
+    assert_eq!(summary["totals_now"]["communication_cost"], 0.0);
+    let differing = summary["differing_decisions"].as_u64().unwrap();
+    assert_eq!(
+        summary["totals_then"]["steps_with_communication"],
+        differing
+    );
+    says(
+        &output,
+        &[
+            "planner none instead of ce",
+            &format!("and {} more", differing - 2),
+        ],
+    );
+}
+
+#[test]
+fn gaps_are_replayed_around_and_said() {
+    let recorder = Recorder::drive("gaps", &[]);
+    // A frame in the first episode, an action in the second.
+    let path = recorder.without("gaps.mcap", |message| {
+        let header = message.header();
+        let at = (header.episode, header.step);
+        !match message {
+            Recorded::LidarFrame(_) => at == (0, 6),
+            Recorded::DriverAction(_) => at == (1, 3),
+            _ => false,
+        }
+    });
+    let (output, summary) = recorder.replay(&path, &[]);
+    assert_eq!(summary["gaps"]["world/lidar"], 1);
+    assert_eq!(summary["gaps"]["driver/action"], 1);
+    assert_eq!(summary["skipped_steps"], 1);
+    let rows = summary["step_list"].as_array().unwrap();
+    for row in rows {
+        let (episode, step) = (
+            row["episode"].as_u64().unwrap(),
+            row["step"].as_u64().unwrap(),
+        );
+        let expected = if episode == 0 { step > 6 } else { step >= 3 };
+        assert_eq!(row["after_gap"], expected, "episode {episode} step {step}");
+    }
+    // What comes before the gaps is still the same.
+    assert_eq!(summary["reproduced"], true, "{}", told(&output));
+    assert_eq!(summary["decisions"]["compared"], 6 + 3);
+    says(&output, &["GAPS: 1 messages missing on /world/lidar"]);
+}
+
+#[test]
+fn a_real_time_recording_is_replayed_step_by_step() {
+    let recorder = Recorder::drive("realtime", &["--clock", "realtime", "--human", "self"]);
+    let (output, summary) = recorder.replay(&recorder.drive, &[]);
+    assert_eq!(summary["clock"], "realtime");
+    assert_eq!(summary["reproduced"], serde_json::Value::Null);
+    assert!(summary["steps"].as_u64().unwrap() > 10, "{summary}");
+    says(&output, &["recorded in real time"]);
+}
+
+#[test]
+fn a_changed_self_model_is_refused_with_both_digests() {
+    let recorder = Recorder::drive("changed", &[]);
+    let model = recorder.bench.path("self.safetensors");
+    let before = recorder::setup::digest(&model).unwrap();
+    let other = recorder.bench.path("other.safetensors");
+    let mut bytes = std::fs::read(&model).unwrap();
+    std::fs::write(&other, &bytes).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&model, &bytes).unwrap();
+    let after = recorder::setup::digest(&model).unwrap();
+    let place = model.to_str().unwrap();
+    recorder.refused(
+        &recorder.drive,
+        &[],
+        &[place, &before, &after, "--self-model"],
+    );
+    // The same bytes elsewhere are the same model.
+    let (_, summary) = recorder.replay(&recorder.drive, &["--self-model", other.to_str().unwrap()]);
+    assert_eq!(summary["reproduced"], true);
+    // Another model to compare with is another question.
+    let (output, summary) = recorder.replay(&recorder.drive, &["--human", "self"]);
+    assert_eq!(summary["now"]["self_model"], after);
+    assert!(String::from_utf8_lossy(&output.stderr).contains(&before));
+    std::fs::remove_file(&model).unwrap();
+    recorder.refused(&recorder.drive, &[], &[place, &before, "--self-model"]);
+}
+
+#[test]
+fn what_cannot_be_replayed_is_refused() {
+    let recorder = Recorder::drive("refused", &[]);
+    let path = |name: &str, bytes: &[u8]| recorder.bench.write(name, bytes);
+    recorder.refused(
+        &path("text.mcap", b"no recording"),
+        &[],
+        &["text.mcap", "not an MCAP"],
+    );
+    recorder.refused(
+        &path("empty.mcap", b""),
+        &[],
+        &["empty.mcap", "not an MCAP"],
+    );
+    recorder.refused(
+        Path::new("/nowhere/drive.mcap"),
+        &[],
+        &["/nowhere/drive.mcap"],
+    );
+    let magic = path("magic.mcap", &[mcap::MAGIC, &[7; 900]].concat());
+    recorder.refused(
+        &magic,
+        &[],
+        &["magic.mcap", "holds no message", "at byte 8"],
+    );
+    let mute = recorder.without("mute.mcap", |message| {
+        !["comm/display", "driver/action"].contains(&TOPICS[message.topic()].name)
+    });
+    recorder.refused(&mute, &[], &["mute.mcap", "/comm/display, /driver/action"]);
+    recorder.refused(&recorder.drive, &["--human", "nobody"], &["--human nobody"]);
+    let drive = &recorder.drive;
+    recorder.refused(
+        drive,
+        &["--human", "self", "--implants", "x"],
+        &["--implants"],
+    );
+    recorder.refused(
+        drive,
+        &["--implants", "/nowhere/i.safetensors"],
+        &["/nowhere/i.safetensors"],
+    );
+    recorder.refused(
+        drive,
+        &["--summary", "/nowhere/at/all.json"],
+        &["/nowhere/at"],
+    );
+    let random = path("random.safetensors", &[9; 500]);
+    recorder.refused(
+        drive,
+        &["--self-model", random.to_str().unwrap()],
+        &["random.safetensors"],
+    );
+}
