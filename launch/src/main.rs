@@ -7,6 +7,7 @@ mod failure;
 mod inputs;
 mod learn;
 mod process;
+mod profile;
 mod screen;
 mod train_self;
 mod up;
@@ -21,6 +22,7 @@ static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Up(arguments) => up::up(&arguments),
+        Command::Profile(arguments) => profile::profile(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),

@@ -37,13 +37,14 @@ pub(crate) struct Sizes {
 impl Sizes {
     pub(crate) fn of<M: Message>(topic: &str) -> Self {
         if size_of::<M>() >= BULK_BYTES {
+            // The human model, one that takes over from it, and somebody who only watches.
             Self {
                 buffer: 4,
-                subscribers: 2,
+                subscribers: 3,
                 publishers: 4,
                 borrowed: 2,
                 history: 0,
-                slots: 14,
+                slots: 20,
             }
         } else if topic.starts_with("run/") {
             Self {
