@@ -24,6 +24,8 @@ pub enum Command {
     Up(UpArguments),
     /// Feed a recorded drive to belief, human model and planner again: the same decisions, or those of another model
     Replay(ReplayArguments),
+    /// Measure where the time goes in a set of processes: one started for this, or one that runs
+    Profile(ProfileArguments),
     /// Record rounds that a simulated person drives without communication
     Demos(DemosArguments),
     /// Learn a model
@@ -133,6 +135,40 @@ pub struct ReplayArguments {
     /// Print at most so many steps at which another decision is made; the summary file has all
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub lines: usize,
+}
+
+/// Options of `mirror profile`.
+#[derive(Args, Debug)]
+pub struct ProfileArguments {
+    /// Watch this set, which runs already, instead of starting one
+    #[arg(long, value_name = "INSTANCE", conflicts_with_all = [
+        "scene", "fog", "human", "planner", "driver", "episodes", "clock", "seed", "record", "summary", "instance", "exec",
+        "self_model", "implants", "spin", "restarts", "quiet",
+    ])]
+    pub attach: Option<String>,
+    /// Folder for profile.json, profile.hlog (HdrHistogram) and trace.json (Perfetto)
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Say what became slower or faster since this older profile.json
+    #[arg(long, value_name = "FILE")]
+    pub against: Option<PathBuf>,
+    /// Draw the slowest step
+    #[arg(long, value_name = "FILE.svg")]
+    pub picture: Option<PathBuf>,
+    /// Watch for so long [default: 10 if attached, else until the episodes are over]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub seconds: Option<f64>,
+    /// Afterwards, measure for so long how much watching slows a tick; a set started for this drives on meanwhile
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 5.0,
+        allow_negative_numbers = true
+    )]
+    pub own_cost: f64,
+    /// What to start.
+    #[command(flatten, next_help_heading = "The set to start")]
+    pub scene: UpArguments,
 }
 
 /// How to decide what to communicate.

@@ -7,6 +7,7 @@ mod failure;
 mod inputs;
 mod learn;
 mod process;
+mod profile;
 mod replay;
 mod screen;
 mod swap;
@@ -25,6 +26,7 @@ fn main() -> ExitCode {
         Command::Up(arguments) => up::up(&arguments),
         Command::Swap(arguments) => swap::swap(&arguments),
         Command::Replay(arguments) => replay::replay(&arguments),
+        Command::Profile(arguments) => profile::profile(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),

@@ -73,14 +73,16 @@ fn lockstep(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32)
                 return Ok(Wake::Stop);
             }
             ports.publish(world, &outcome, episode, step)?;
+            node.end_step();
             break;
         }
         ports.publish(world, &outcome, episode, step)?;
+        // A step ends where what it moved is published, so that a frame's compute time covers the moving.
+        node.end_step();
         if node.wait_step(&mut [&mut ports.action], episode, step, None)? == Wake::Stop {
             return Ok(Wake::Stop);
         }
         outcome = world.step(ports.action());
-        node.end_step();
     }
     Ok(Wake::Message)
 }
@@ -94,6 +96,7 @@ fn real_time(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32
     let (mut outcome, mut held) = (Outcome::default(), [0.0; 2]);
     for step in 0.. {
         ports.publish(world, &outcome, episode, step)?;
+        node.end_step();
         if outcome.end != End::Running {
             break;
         }
@@ -108,7 +111,6 @@ fn real_time(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32
             None => node.count_missed(1),
         }
         outcome = world.step(held);
-        node.end_step();
     }
     Ok(Wake::Message)
 }

@@ -116,6 +116,14 @@ pub(crate) fn is_locked(root: &Path, instance: &str) -> bool {
     }
 }
 
+/// Process id of the launcher that holds the instance, if one does.
+pub fn launcher(root: &Path, instance: &str) -> Option<u32> {
+    is_locked(root, instance).then(|| {
+        let text = std::fs::read_to_string(lock_path(root, instance)).unwrap_or_default();
+        text.trim().parse().unwrap_or(0)
+    })
+}
+
 /// Bytes free for messages in `/dev/shm`; a set needs about 32 MiB.
 pub fn shared_memory_free() -> u64 {
     // SAFETY: a terminated path and a live structure.
@@ -409,10 +417,7 @@ pub fn list_instances(root: &Path) -> Result<Vec<InstanceState>, InstanceError> 
     }
     let mut states = Vec::new();
     for instance in names {
-        let launcher = is_locked(root, &instance).then(|| {
-            let text = std::fs::read_to_string(lock_path(root, &instance)).unwrap_or_default();
-            text.trim().parse().unwrap_or(0)
-        });
+        let launcher = launcher(root, &instance);
         let nodes = nodes(root, &instance)?;
         let shared_files = shared_files(root, &instance).len();
         if launcher.is_some() || !nodes.is_empty() || shared_files > 0 {

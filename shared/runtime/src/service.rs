@@ -42,14 +42,14 @@ pub(crate) struct Sizes {
 impl Sizes {
     pub(crate) fn of<M: Message>(topic: &str) -> Self {
         if size_of::<M>() >= BULK_BYTES {
+            // The human model, one that takes over from it, and somebody who only watches.
             Self {
                 buffer: 4,
-                // Somebody who takes over listens beside the one who still speaks.
-                subscribers: 4,
+                subscribers: 5,
                 publishers: 4,
                 borrowed: 2,
                 history: 0,
-                slots: 24,
+                slots: 36,
                 gated: false,
             }
         } else if topic.starts_with("run/") {

@@ -1,0 +1,162 @@
+//! The message graph: which process answers which messages with which (DESIGN §3).
+
+use crate::process::NAMES;
+use messages::topic;
+use runtime::ClockMode;
+
+/// A topic on which a step leaves exactly one message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Topic {
+    /// world/outcome
+    Outcome,
+    /// world/scene
+    Scene,
+    /// world/lidar
+    Lidar,
+    /// belief/robot
+    RobotBelief,
+    /// belief/human
+    HumanBelief,
+    /// comm/action
+    Decision,
+    /// comm/display
+    Display,
+    /// driver/action
+    Action,
+}
+
+/// How many topics.
+pub const TOPICS: usize = 8;
+
+/// Places of the processes in launch order.
+pub const WORLD: usize = 0;
+const DRIVER: usize = 1;
+const BELIEF: usize = 2;
+/// See [`WORLD`].
+pub const HUMAN: usize = 3;
+/// See [`WORLD`].
+pub const PLANNER: usize = 4;
+const RENDERER: usize = 5;
+
+impl Topic {
+    /// As iceoryx2 knows it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Outcome => topic::OUTCOME,
+            Self::Scene => topic::SCENE,
+            Self::Lidar => topic::LIDAR,
+            Self::RobotBelief => topic::ROBOT_BELIEF,
+            Self::HumanBelief => topic::HUMAN_BELIEF,
+            Self::Decision => topic::COMM_ACTION,
+            Self::Display => topic::DISPLAY,
+            Self::Action => topic::DRIVER_ACTION,
+        }
+    }
+
+    /// Who sends it: a place in [`NAMES`].
+    pub fn sender(self) -> usize {
+        match self {
+            Self::Outcome | Self::Scene | Self::Lidar => WORLD,
+            Self::RobotBelief => BELIEF,
+            Self::HumanBelief => HUMAN,
+            Self::Decision => PLANNER,
+            Self::Display => RENDERER,
+            Self::Action => DRIVER,
+        }
+    }
+}
+
+/// The message that ends a process's step, for the processes that send one: all but the recorder.
+pub const STEP_ENDS: [Topic; 6] = [
+    Topic::Lidar,
+    Topic::Action,
+    Topic::RobotBelief,
+    Topic::HumanBelief,
+    Topic::Decision,
+    Topic::Display,
+];
+
+/// When an edge counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum When {
+    Always,
+    /// Only where everybody waits for everybody.
+    Lockstep,
+    /// Only where the planner imagines.
+    Planning,
+}
+
+/// A message that a process needs before it can send another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// What is needed.
+    pub from: Topic,
+    /// Of which step, counted from the step of the message that is sent.
+    pub step: i32,
+    /// What is sent.
+    pub to: Topic,
+    /// Whether the sent message takes its step from this one, so that it is known which one it was; of others, the newest
+    /// that was there is assumed in real time.
+    pub stamps: bool,
+    when: When,
+}
+
+const fn edge(from: Topic, step: i32, to: Topic, stamps: bool, when: When) -> Edge {
+    Edge {
+        from,
+        step,
+        to,
+        stamps,
+        when,
+    }
+}
+
+/// Steps that the world lets the human model be behind in lockstep (`processes/world/src/ports.rs`).
+const MOST_BEHIND: i32 = 16;
+
+/// Every edge of the graph.
+pub const EDGES: [Edge; 15] = [
+    edge(Topic::Action, -1, Topic::Lidar, false, When::Always),
+    edge(
+        Topic::HumanBelief,
+        -MOST_BEHIND,
+        Topic::Lidar,
+        false,
+        When::Lockstep,
+    ),
+    edge(Topic::Lidar, 0, Topic::RobotBelief, true, When::Always),
+    edge(Topic::Action, -1, Topic::RobotBelief, false, When::Always),
+    edge(Topic::Lidar, 0, Topic::HumanBelief, true, When::Always),
+    edge(Topic::Display, 0, Topic::HumanBelief, false, When::Always),
+    edge(Topic::Action, -1, Topic::HumanBelief, false, When::Always),
+    edge(Topic::RobotBelief, -1, Topic::Decision, true, When::Always),
+    edge(
+        Topic::HumanBelief,
+        -1,
+        Topic::Decision,
+        false,
+        When::Planning,
+    ),
+    edge(Topic::Action, -1, Topic::Decision, false, When::Planning),
+    edge(Topic::Display, -1, Topic::Decision, false, When::Planning),
+    edge(Topic::Lidar, 0, Topic::Display, true, When::Always),
+    edge(Topic::Decision, 0, Topic::Display, false, When::Always),
+    edge(Topic::Lidar, 0, Topic::Action, true, When::Always),
+    edge(Topic::Display, 0, Topic::Action, false, When::Always),
+];
+
+impl Edge {
+    /// Whether the edge counts in such a run.
+    pub fn counts(&self, clock: ClockMode, planning: bool) -> bool {
+        match self.when {
+            When::Always => true,
+            When::Lockstep => clock == ClockMode::Lockstep,
+            When::Planning => planning,
+        }
+    }
+
+    /// Such as `comm/display → driver`.
+    pub fn name(&self) -> String {
+        format!("{} → {}", self.from.name(), NAMES[self.to.sender()])
+    }
+}

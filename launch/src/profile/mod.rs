@@ -1,0 +1,211 @@
+//! `mirror profile`: watches a set and says how long its processes compute, how long messages wait, and what it costs.
+//!
+//! The profiler is one more subscriber of every topic ([`watch`]). All times come from the messages' headers
+//! ([`work`] says what is known exactly and what is inferred), all use of cores and memory from the kernel ([`system`]).
+
+mod compare;
+mod cost;
+mod graph;
+mod hlog;
+mod metrics;
+mod picture;
+mod result;
+mod system;
+mod table;
+mod target;
+mod text;
+mod trace;
+mod watch;
+mod work;
+
+use crate::cli::ProfileArguments;
+use crate::failure::Failure;
+use crate::inputs;
+use crate::screen::Screen;
+use anyhow::{Context, Result, ensure};
+use metrics::{Metric, Samples};
+use result::{Profile, Trace};
+use serde::Serialize;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::SystemTime;
+use watch::{End, Observed, Until, Watch};
+
+/// How long a set that runs already is watched, unless asked otherwise.
+const ATTACHED_S: f64 = 10.0;
+
+/// Runs `mirror profile`. Status 0 if something was seen and nothing went wrong with a run of our own, 2 if what was asked
+/// for cannot be used.
+pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
+    let older = arguments.against.as_deref().map(compare::read);
+    let older = older.transpose().map_err(Failure::refused)?;
+    if let Some(directory) = &arguments.out {
+        prepare(directory).map_err(Failure::refused)?;
+    }
+    let picture = arguments.picture.as_deref();
+    let picture = picture.map(|path| inputs::writable("--picture", path));
+    let picture = picture.transpose().map_err(Failure::refused)?;
+    check_seconds(arguments).map_err(Failure::refused)?;
+
+    let screen = Screen::new();
+    screen.status("waiting for the set".to_owned());
+    let (instance, observer, started) = match &arguments.attach {
+        Some(instance) => (instance.clone(), target::attach(instance)?, None),
+        None => {
+            let chosen = arguments.scene.instance.clone();
+            let instance = chosen.unwrap_or_else(|| format!("profile-{}", std::process::id()));
+            let endless = arguments.own_cost > 0.0 || arguments.seconds.is_some();
+            let (started, observer) = target::start(&arguments.scene, &instance, endless)?;
+            (instance, observer, Some(started))
+        }
+    };
+    let attached = started.is_none();
+    let began = SystemTime::now();
+    let mut watch = Watch::new(observer, started)?;
+    screen.status("watching".to_owned());
+    let observed = watch.observe(until(arguments))?;
+    let mut slowdown = None;
+    if arguments.own_cost > 0.0 && matches!(observed.end, End::Enough | End::Full) {
+        screen.status("measuring what watching costs".to_owned());
+        let tick = Metric::new("", Samples::new(&observed.reader()).of(metrics::TICK), 0);
+        slowdown = cost::measure(&mut watch, arguments.own_cost, tick.p50)?;
+    }
+    let wrong = watch.end();
+    screen.finish();
+    if observed.table.len() == 0 {
+        return Err(watch::nothing_seen().into());
+    }
+    let samples = Samples::new(&observed.reader());
+    let profile = Profile::new(&instance, attached, &observed, &samples, slowdown);
+    screen.line(&text::text(&profile));
+    if let Some(older) = &older {
+        let changes = compare::compare(older, &profile);
+        screen.line(&text::changes(older, &profile, &changes));
+        if let Some(directory) = &arguments.out {
+            save_json(&directory.join("changes.json"), &changes)?;
+        }
+    }
+    if let Some(directory) = &arguments.out {
+        save(directory, &profile, &observed, &samples, began)?;
+        screen.line(&format!(
+            "wrote {}/profile.json, profile.hlog (HdrHistogram), trace.json (open it at ui.perfetto.dev)",
+            directory.display()
+        ));
+    }
+    if let Some(path) = &picture {
+        draw(path, &profile)?;
+    }
+    Ok(match wrong {
+        Some(wrong) => {
+            screen.warn(&format!("mirror: {wrong}"));
+            ExitCode::FAILURE
+        }
+        None => ExitCode::SUCCESS,
+    })
+}
+
+/// When enough has been seen.
+fn until(arguments: &ProfileArguments) -> Until {
+    let ns = |seconds: f64| (seconds * 1e9) as u64;
+    match (&arguments.attach, arguments.seconds) {
+        (_, Some(seconds)) => Until {
+            ns: Some(ns(seconds)),
+            episodes: None,
+        },
+        (Some(_), None) => Until {
+            ns: Some(ns(ATTACHED_S)),
+            episodes: None,
+        },
+        (None, None) => Until {
+            ns: None,
+            episodes: Some(arguments.scene.episodes),
+        },
+    }
+}
+
+fn check_seconds(arguments: &ProfileArguments) -> Result<()> {
+    let seconds = arguments.seconds.unwrap_or(ATTACHED_S);
+    ensure!(
+        seconds > 0.0 && seconds <= 86_400.0,
+        "--seconds {seconds}: expected more than 0, at most 86400"
+    );
+    let own_cost = arguments.own_cost;
+    ensure!(
+        (0.0..=3_600.0).contains(&own_cost),
+        "--own-cost {own_cost}: expected 0 to 3600 seconds"
+    );
+    Ok(())
+}
+
+/// Makes the directory, and makes sure that files can be written there before anything is measured.
+fn prepare(directory: &Path) -> Result<()> {
+    let place = || format!("--out {}", directory.display());
+    std::fs::create_dir_all(directory).with_context(place)?;
+    let path = directory.join(".mirror-profile");
+    File::create(&path)
+        .and_then(|_| std::fs::remove_file(&path))
+        .with_context(place)
+}
+
+fn save_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let place = || path.display().to_string();
+    let mut file = BufWriter::new(File::create(path).with_context(place)?);
+    serde_json::to_writer(&mut file, value).with_context(place)?;
+    writeln!(file)
+        .and_then(|()| file.flush())
+        .with_context(place)
+}
+
+fn save(
+    directory: &Path,
+    profile: &Profile,
+    observed: &Observed,
+    samples: &Samples,
+    began: SystemTime,
+) -> Result<()> {
+    save_json(&directory.join("profile.json"), profile)?;
+    let path: PathBuf = directory.join("profile.hlog");
+    let log = hlog::log(samples, began, profile.measured.seconds).context("profile.hlog")?;
+    std::fs::write(&path, log).with_context(|| path.display().to_string())?;
+    let around: Vec<(u32, u32)> = [&profile.typical, &profile.slowest]
+        .into_iter()
+        .flatten()
+        .map(|trace: &Trace| (trace.episode, trace.step))
+        .collect();
+    let pids: Vec<u32> = observed
+        .processes
+        .iter()
+        .map(|process| process.pid)
+        .collect();
+    let about = serde_json::to_value(&profile.measured).context("trace.json")?;
+    let trace = trace::trace(&observed.reader(), &around, &pids, about);
+    save_json(&directory.join("trace.json"), &trace)
+}
+
+/// Draws the slowest step.
+fn draw(path: &Path, profile: &Profile) -> Result<()> {
+    let Some(trace) = &profile.slowest else {
+        return Ok(());
+    };
+    let about = &profile.measured.about;
+    let or = |text: &Option<String>| text.clone().unwrap_or_else(|| "?".to_owned());
+    let title = format!(
+        "The slowest of {} steps: episode {}, step {}, {:.1} µs",
+        profile.counts.steps,
+        trace.episode,
+        trace.step,
+        trace.latency_ns as f64 / 1000.0
+    );
+    let subtitle = format!(
+        "scene {} · human model {} · planner {} · {} cores, others kept {:.2} busy",
+        or(&about.scene),
+        or(&about.human),
+        or(&about.planner),
+        profile.measured.cores,
+        profile.measured.others_busy_cores
+    );
+    let drawing = picture::svg(trace, &title, &subtitle);
+    std::fs::write(path, drawing).with_context(|| path.display().to_string())
+}

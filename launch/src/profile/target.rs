@@ -1,0 +1,248 @@
+//! Which set is watched: one that runs already, or one that `mirror up` is started for.
+
+use crate::cli::{Clock, PlannerKind, UpArguments};
+use crate::failure::Failure;
+use anyhow::{Context, Result, anyhow};
+use runtime::instance::{default_root, nodes};
+use runtime::{ClockMode, Observer, RunArguments, list_instances, now_ns};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// How long a set may take until its launcher is there.
+const START_NS: u64 = 60_000_000_000;
+/// Between two looks for it.
+const LOOK: Duration = Duration::from_millis(10);
+/// More episodes than anybody waits for: the set is ended when enough was seen.
+const ENDLESS: u32 = 1_000_000;
+
+/// Name of the observer's node.
+pub const NODE: &str = "profile";
+
+/// A `mirror up` of our own. Dropped, it is ended and waited for.
+pub struct Started {
+    child: Child,
+}
+
+impl Started {
+    /// Asks it to end, and waits for it.
+    pub fn end(&mut self) {
+        // SAFETY: signals a child that was not waited for yet, so its id is its own.
+        unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
+        let _ = self.child.wait();
+    }
+
+    /// How it ended, if it has.
+    pub fn ended(&mut self) -> Option<i32> {
+        let status = self.child.try_wait().ok()??;
+        Some(status.code().unwrap_or(1))
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        if self.ended().is_none() {
+            self.end();
+        }
+    }
+}
+
+/// Starts `mirror up` for this instance, with endlessly many episodes if `endless`, and returns once its launcher has its
+/// place. It ends with this process.
+///
+/// # Errors
+/// Status 2 when `up` refuses what it was asked for; it has then said why.
+pub fn start(
+    arguments: &UpArguments,
+    instance: &str,
+    endless: bool,
+) -> Result<(Started, Observer), Failure> {
+    let mut command = Command::new(std::env::current_exe().context("finding our own executable")?);
+    command
+        .arg("up")
+        .args(up_options(arguments, instance, endless));
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    // Ctrl-C reaches us alone: the run ends in order.
+    command.process_group(0);
+    let parent = std::process::id() as libc::pid_t;
+    // SAFETY: only calls what may be called between fork and exec.
+    unsafe {
+        command.pre_exec(move || {
+            libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM);
+            if libc::getppid() != parent {
+                libc::_exit(1);
+            }
+            Ok(())
+        });
+    }
+    let child = command.spawn().context("starting mirror up")?;
+    let mut started = Started { child };
+    let deadline = now_ns() + START_NS;
+    let root = default_root();
+    loop {
+        if let Some(status) = started.ended() {
+            return Err(Failure {
+                status: status.clamp(1, 255) as u8,
+                error: anyhow!("the set did not start"),
+            });
+        }
+        // Its node comes after everything that an earlier run left was removed.
+        let nodes = nodes(&root, instance).unwrap_or_default();
+        if nodes
+            .iter()
+            .any(|node| node.alive && node.process == "launcher")
+        {
+            return Ok((started, Observer::attach(&root, instance, NODE)?));
+        }
+        if now_ns() > deadline {
+            return Err(anyhow!("the set's launcher did not come up in time").into());
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// The command line of `mirror up` for these options.
+fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<String> {
+    let UpArguments {
+        scene,
+        fog,
+        human,
+        planner,
+        driver,
+        episodes,
+        clock,
+        seed,
+        record,
+        summary,
+        instance: _,
+        exec,
+        self_model,
+        implants,
+        spin,
+        restarts,
+        quiet: _,
+    } = arguments;
+    let episodes = if endless { ENDLESS } else { *episodes };
+    let clock = match clock {
+        Clock::Lockstep => "lockstep",
+        Clock::Realtime => "realtime",
+    };
+    let planner: &PlannerKind = planner;
+    let mut options = vec![
+        format!("--scene={scene}"),
+        format!("--human={human}"),
+        format!("--planner={}", planner.name()),
+        format!("--driver={driver}"),
+        format!("--episodes={episodes}"),
+        format!("--clock={clock}"),
+        format!("--seed={seed}"),
+        format!("--instance={instance}"),
+        format!("--spin={spin}"),
+        format!("--restarts={restarts}"),
+        "--quiet".to_owned(),
+    ];
+    options.extend(fog.map(|fog| format!("--fog={fog}")));
+    options.extend(exec.iter().map(|exec| format!("--exec={exec}")));
+    for (name, path) in [
+        ("record", record),
+        ("summary", summary),
+        ("self-model", self_model),
+        ("implants", implants),
+    ] {
+        options.extend(
+            path.iter()
+                .map(|path| format!("--{name}={}", path.display())),
+        );
+    }
+    options
+}
+
+/// Joins a set that runs.
+///
+/// # Errors
+/// Status 2, with the names of those that run, if there is none of that name.
+pub fn attach(instance: &str) -> Result<Observer, Failure> {
+    let root = default_root();
+    Observer::attach(&root, instance, NODE).map_err(|error| {
+        let running: Vec<String> = list_instances(&root)
+            .unwrap_or_default()
+            .into_iter()
+            .filter(|state| state.launcher.is_some())
+            .map(|state| state.instance)
+            .collect();
+        let running = match running.is_empty() {
+            true => "none runs".to_owned(),
+            false => format!("running: {}", running.join(", ")),
+        };
+        Failure::refused(anyhow!("--attach {instance}: {error} ({running})"))
+    })
+}
+
+/// What a set says about itself: from the arguments that its launcher gave its processes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// `lockstep` or `realtime`.
+    pub clock: Option<ClockMode>,
+    /// How long a process polls before it sleeps, in µs; 0: it is always woken.
+    pub spin_us: u32,
+    /// The scene.
+    pub scene: Option<String>,
+    /// Who drives.
+    pub driver: Option<String>,
+    /// The human model.
+    pub human: Option<String>,
+    /// The planner.
+    pub planner: Option<String>,
+    /// Seed.
+    pub seed: Option<u64>,
+    /// The file that the recorder writes; without it, it only counts and digests.
+    pub record: Option<String>,
+    /// Identity of the run.
+    #[serde(skip)]
+    pub run_id: u64,
+}
+
+/// Reads what a set says about itself; what is not there stays empty.
+pub fn about(observer: &Observer) -> About {
+    let mut about = About::default();
+    let mut processes = BTreeMap::new();
+    for entry in std::fs::read_dir(observer.directory())
+        .into_iter()
+        .flatten()
+        .flatten()
+    {
+        let path = entry.path();
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "json")
+            && let Ok(arguments) = RunArguments::read(&path)
+        {
+            processes.insert(arguments.process.clone(), arguments);
+        }
+    }
+    let option = |process: &str, path: &str| {
+        let options = &processes.get(process)?.options;
+        options
+            .pointer(path)
+            .filter(|value| !value.is_null())
+            .cloned()
+    };
+    let text = |process, path| Some(option(process, path)?.as_str()?.to_owned());
+    if let Some(world) = processes.get("world") {
+        about.clock = Some(world.clock);
+        about.run_id = world.run_id;
+        about.spin_us = world.spin_us;
+    }
+    about.scene = text("world", "/scene/name");
+    about.seed = option("world", "/seed").and_then(|seed| seed.as_u64());
+    let number = |path| Some(option("driver", path)?.as_i64()?);
+    about.driver = number("/person/simulated/id")
+        .map(|id| format!("sim:{id}"))
+        .or_else(|| Some(format!("recorded:{}", number("/person/recorded")?)));
+    about.human = text("human", "/kind");
+    about.planner = text("planner", "/method");
+    about.record = text("recorder", "/record");
+    about
+}
