@@ -4,6 +4,7 @@ pub mod batches;
 pub mod checkpoint;
 pub mod demonstrations;
 pub mod implants;
+pub mod irl;
 pub mod replay;
 pub mod rollout;
 pub mod sac;

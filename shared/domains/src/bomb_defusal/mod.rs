@@ -7,11 +7,15 @@
 //! and the time left over the time allowed. Verbal: the vector of what is said of the bomb's type. Actions: press button 0, 1, 2, or
 //! wait.
 
+mod defuser;
 mod glyph;
+mod person;
 mod scene;
 mod world;
 
+pub use defuser::Defuser;
 pub use glyph::{GLYPHS, LIVE, read_terminal};
+pub use person::Person;
 pub use scene::{Reward, Rules, Scene, Table};
 pub use world::World;
 

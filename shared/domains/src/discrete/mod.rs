@@ -7,21 +7,27 @@
 //! simulated person. [`World`] and [`SimulatedPerson`] are the sums of the three domains, for callers that choose at run time:
 //! plain values whose clones allocate nothing but what the type documents.
 //!
-//! A round of the expert:
+//! A round of a person without assistance:
 //!
 //! ```
-//! use domains::discrete::{Discrete, Scene, Words, World};
-//! let scene = Scene::builtin("search-smoke").unwrap();
-//! let mut world = World::new(&scene, &Words::indicator(scene.sentences().len())).unwrap();
+//! use domains::discrete::{Discrete, Mind, Scene, SimulatedPerson, Words, World};
+//! let scene = Scene::builtin("driving-fog").unwrap();
+//! let words = Words::indicator(scene.sentences().len()); // or a sentence encoder's vectors
+//! let mut world = World::new(&scene, &words).unwrap();
+//! let mut person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
 //! let (mut visual, mut verbal) = (vec![0.0; world.layout().visual], vec![0.0; world.layout().verbal]);
 //! world.reset(1, 0, 0);
+//! person.reset(1, 0);
 //! while world.end().is_running() {
 //!     world.observe(&mut visual, &mut verbal);
-//!     world.step(world.expert());
+//!     let seen = person.look(&visual); // an assistant would add what it shows and says: `seen | communicated`
+//!     person.perceive(&visual, &verbal, seen);
+//!     world.step(person.act());
 //! }
-//! assert_eq!(world.end(), domains::discrete::End::Success);
 //! ```
 
+mod draw;
+pub(crate) mod file;
 mod layout;
 mod mask;
 mod mind;
@@ -32,7 +38,7 @@ mod world;
 
 pub use layout::{Image, Layout};
 pub use mask::Mask;
-pub use mind::Mind;
+pub use mind::{Mind, PersonError, SimulatedPerson};
 pub use scene::{Communication, Planning, Scene};
 pub use sight::{Perception, Sight};
 pub use words::{Words, WordsError};
@@ -188,5 +194,5 @@ pub trait Discrete: Send + Sync {
     fn render(&self, out: &mut String);
 }
 
-/// A generator of random numbers that depends on nothing but these three.
 pub(crate) use crate::highway::random;
+pub(crate) use draw::draw;

@@ -5,10 +5,16 @@
 //! name when its car passes the ego car. Visual: `[lane, 4 × position]`, lane −1 left or 1 right, position in cells ahead / 10
 //! within [−1, 1]. Verbal: `4 × [position, speed]`, speed in cells a step relative to the ego car. Actions: 0 stay, 1 switch lane.
 
+mod driver;
+mod features;
+mod person;
 mod scene;
 mod traffic;
 mod world;
 
+pub use driver::SimulatedDriver;
+pub use features::{FEATURE_NAMES, FEATURES, features};
+pub use person::{Person, Planning, Weights};
 pub use scene::{Fog, Reward, Scene, Traffic};
 pub use traffic::{Car, advance, best_action, reward_terms};
 pub use world::World;

@@ -6,11 +6,17 @@
 //! the victim is found. Verbal: an utterance's vector for each of five subjects. Actions: up, down, left, right.
 
 mod map;
+mod person;
 mod scene;
+mod searcher;
 mod world;
 
 pub use map::{Cell, Cells, Obstacle, distances, neighbour, step_towards};
+pub use person::{
+    Person, SUBGOALS, Transitions, count_transitions, is_transition, subgoal_at, subgoal_cell,
+};
 pub use scene::{Reward, Scene, Smoke};
+pub use searcher::Searcher;
 pub use world::World;
 
 use crate::discrete::{Domain, Image, Layout, Mask};
