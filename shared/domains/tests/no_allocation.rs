@@ -1,9 +1,10 @@
-//! Neither stepping nor observing the highway allocates, nor do the drivers (DESIGN §9).
+//! Neither stepping nor observing a world allocates, nor do the people in it (DESIGN §9).
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
 
+use domains::discrete::{self, Discrete, Domain, Mind, Setting, SimulatedPerson, Words};
 use domains::highway::{
     Case, Cockpit, End, Expert, Observation, Person, Scene, Shown, SimulatedDriver, World,
 };
@@ -61,5 +62,39 @@ fn a_round_allocates_nothing() {
         }
         assert!(steps > 100);
         assert_eq!(allocations(), before, "case {}", case.number());
+    }
+}
+
+#[test]
+fn a_round_of_a_gridworld_allocates_nothing() {
+    for domain in Domain::ALL {
+        for setting in [Setting::Original, Setting::Transfer] {
+            let scene = discrete::Scene::of(domain, setting);
+            let words = Words::indicator(scene.sentences().len());
+            let mut world = discrete::World::new(&scene, &words).unwrap();
+            let mut person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
+            let layout = world.layout().clone();
+            let mut visual = vec![0.0; layout.visual];
+            let mut verbal = vec![0.0; layout.verbal];
+            let mut probabilities = vec![0.0; layout.actions];
+            let before = allocations();
+            for scenario in 0..world.scenarios() {
+                world.reset(1, 0, scenario);
+                person.reset(1, 0);
+                while world.end().is_running() {
+                    world.observe(&mut visual, &mut verbal);
+                    let seen = person.look(&visual);
+                    person.perceive(&visual, &verbal, seen | layout.communicable);
+                    // Imagination: copies of person and world.
+                    let (mut imagined, mut future) = (person.clone(), world.clone());
+                    imagined.reseed(1, 0, 2);
+                    imagined.probabilities(&mut probabilities);
+                    std::hint::black_box(future.step(imagined.act()));
+                    std::hint::black_box(world.expert());
+                    world.step(person.act());
+                }
+            }
+            assert_eq!(allocations(), before, "{domain:?} {setting:?}");
+        }
     }
 }

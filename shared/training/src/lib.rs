@@ -5,6 +5,7 @@ pub mod checkpoint;
 pub mod cloning;
 pub mod demonstrations;
 pub mod implants;
+pub mod irl;
 pub mod lessons;
 pub mod replay;
 pub mod rollout;

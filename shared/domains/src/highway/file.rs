@@ -55,11 +55,22 @@ pub enum FileError {
     #[error(transparent)]
     CommonRoad(#[from] crate::commonroad::CommonRoadError),
     /// No scene of that name ships with the project.
-    #[error("no scene is called {name:?}; there are {}", BUILTIN.map(|(name, _)| name).join(", "))]
+    #[error("no scene is called {name:?}; there are {}", scene_names())]
     Unknown {
         /// The name.
         name: String,
     },
+}
+
+/// Names of all scenes that ship, highway first.
+fn scene_names() -> String {
+    let gridworlds = crate::discrete::Scene::names();
+    let names: Vec<&str> = BUILTIN
+        .iter()
+        .map(|(name, _)| *name)
+        .chain(gridworlds)
+        .collect();
+    names.join(", ")
 }
 
 /// Reads a whole file as TOML.

@@ -27,33 +27,6 @@ pub(super) const BUILTIN: [(&str, &str); 2] = [
     ),
 ];
 
-/// Declares a table of a scene file: a struct whose fields have defaults, and a check of each against its range.
-macro_rules! table {
-    ($(#[$attribute:meta])* pub struct $name:ident($key:literal) {
-        $($(#[$field_attribute:meta])* $field:ident: $type:ty = $default:expr, $low:expr, $high:expr;)*
-    }) => {
-        $(#[$attribute])*
-        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-        #[serde(deny_unknown_fields, default)]
-        pub struct $name {
-            $($(#[$field_attribute])* pub $field: $type,)*
-        }
-
-        impl Default for $name {
-            fn default() -> Self {
-                Self { $($field: $default,)* }
-            }
-        }
-
-        impl $name {
-            fn check(&self, check: &Check<'_>) -> Result<(), FileError> {
-                $(check.range(concat!($key, ".", stringify!($field)), self.$field as f64, $low as f64, $high as f64)?;)*
-                Ok(())
-            }
-        }
-    };
-}
-
 /// `[road]`: by default CARLA Town04's road 22.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

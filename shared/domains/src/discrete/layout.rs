@@ -1,0 +1,122 @@
+//! What a world's numbers mean: sizes of the modalities, which numbers a visual region or an utterance governs, what can be
+//! communicated and what that costs (paper, Table "Communication Modalities and Costs").
+
+use super::{Domain, Mask};
+
+/// An image's shape; its numbers lie channel after channel, row after row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// Colours.
+    pub channels: usize,
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// Kernel and stride of the convolution that the paper gives this image's encoder.
+    pub kernel: usize,
+    /// See `kernel`.
+    pub stride: usize,
+}
+
+impl Image {
+    /// Numbers of the image.
+    pub fn len(&self) -> usize {
+        self.channels * self.height * self.width
+    }
+
+    /// Whether it has none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Rows and columns that the convolution gives (no padding). Every pixel is covered: (size − kernel) is a multiple of stride.
+    pub fn convolved(&self) -> (usize, usize) {
+        let out = |size: usize| (size - self.kernel) / self.stride + 1;
+        (out(self.height), out(self.width))
+    }
+}
+
+/// The meaning of a world's numbers. It owns the small tables, so that it can be cloned into models.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Whose layout it is.
+    pub domain: Domain,
+    /// Numbers of the visual modality. If there is an image, it comes first.
+    pub visual: usize,
+    /// Numbers of the verbal modality.
+    pub verbal: usize,
+    /// Actions.
+    pub actions: usize,
+    /// Shape of the image at the head of the visual modality, if it has one.
+    pub image: Option<Image>,
+    /// For each visual number, the region that governs whether it is seen; `None`: always seen (one's own lane, position, stage).
+    pub visual_region: Vec<Option<u8>>,
+    /// For each verbal number, the utterance that it belongs to.
+    pub verbal_utterance: Vec<u8>,
+    /// Visual regions that can be hidden.
+    pub regions: usize,
+    /// Utterances.
+    pub utterances: usize,
+    /// What can be communicated: the display cannot show every region.
+    pub communicable: Mask,
+    /// Showing n regions at once costs this times n².
+    pub visual_cost: f32,
+    /// Saying n utterances at once costs this times n².
+    pub verbal_cost: f32,
+    /// What the actions are called.
+    pub action_names: &'static [&'static str],
+    /// What the visual regions are called.
+    pub region_names: &'static [&'static str],
+    /// What the utterances are about.
+    pub utterance_names: &'static [&'static str],
+    /// The reward's terms.
+    pub terms: &'static [&'static str],
+}
+
+impl Layout {
+    /// Everything that can be hidden.
+    pub fn everything(&self) -> Mask {
+        Mask {
+            visual: ((1u64 << self.regions) - 1) as u32,
+            verbal: ((1u64 << self.utterances) - 1) as u32,
+        }
+    }
+
+    /// Cost of communicating a set in one step: visual_cost · n² + verbal_cost · m².
+    pub fn cost(&self, communicated: Mask) -> f32 {
+        let (shown, said) = communicated.count();
+        self.visual_cost * (shown * shown) as f32 + self.verbal_cost * (said * said) as f32
+    }
+
+    /// Whether a visual number is seen under a mask.
+    pub fn is_seen(&self, number: usize, mask: Mask) -> bool {
+        self.visual_region[number].is_none_or(|region| mask.sees(region as usize))
+    }
+
+    /// Sets to 0 what a mask hides.
+    ///
+    /// # Panics
+    /// If a slice is longer than the modality.
+    pub fn hide(&self, mask: Mask, visual: &mut [f32], verbal: &mut [f32]) {
+        for (number, value) in visual.iter_mut().enumerate() {
+            if !self.is_seen(number, mask) {
+                *value = 0.0;
+            }
+        }
+        for (number, value) in verbal.iter_mut().enumerate() {
+            if !mask.hears(self.verbal_utterance[number] as usize) {
+                *value = 0.0;
+            }
+        }
+    }
+
+    /// Writes a mask as numbers, 1 for what is in it: `visual` per region, `verbal` per utterance.
+    pub fn mask_numbers(&self, mask: Mask, visual: &mut [f32], verbal: &mut [f32]) {
+        for (region, value) in visual.iter_mut().enumerate() {
+            *value = f32::from(u8::from(mask.sees(region)));
+        }
+        for (utterance, value) in verbal.iter_mut().enumerate() {
+            *value = f32::from(u8::from(mask.hears(utterance)));
+        }
+    }
+}
