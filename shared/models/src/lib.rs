@@ -9,8 +9,10 @@ pub mod observation;
 pub mod policy;
 pub mod self_model;
 pub mod utterances;
+pub mod world_model;
 
 pub use human::{Beliefs, HumanModel, Kind, SelfHuman};
 pub use implants::Implants;
 pub use observation::{Communicated, Observations, Shape};
 pub use self_model::{Filter, SelfModel};
+pub use world_model::WorldModel;

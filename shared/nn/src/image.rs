@@ -1,10 +1,10 @@
 //! Convolution and transposed convolution of small images, batched over columns.
 //!
-//! An image is a column of height · width · channels numbers, channels nearest: pixel (y, x) of channel c lies at
-//! (y · width + x) · channels + c. A convolution cuts the windows out of it (*unfold*), one column each, and applies one dense
-//! layer to all of them; what comes out, one column of channels per window, already is the next image. A
-//! transposed convolution does the opposite: a dense layer makes a window out of each pixel, and windows are added into
-//! place (*fold*). So both spend their time in the matrix product.
+//! An image is a column of channels · height · width numbers, channel after channel, row after row, as in PyTorch. A convolution
+//! cuts the windows out of it (*unfold*), one column each, and applies one dense layer to all of them; what comes out is
+//! a *feature map*: a column of channels for each window, window after window. A transposed convolution does the opposite:
+//! it makes a window out of each place of a feature map, and windows are added into the image (*fold*). So both spend their
+//! time in the matrix product.
 
 use crate::layers::uniform;
 use crate::{Activation, Dense, ParamId, Parameters, Tensor, product};
@@ -56,18 +56,19 @@ impl Windows {
         self.height * self.width * self.channels
     }
 
-    /// Calls `run(place in the image, place in the windows)` for every run of kernel · channels numbers.
+    /// Calls `run(place in the image, place in the windows)` for every run of `kernel` numbers.
     #[inline(always)]
     fn runs(&self, mut run: impl FnMut(usize, usize)) {
         let (down, across) = self.grid();
-        let length = self.kernel * self.channels;
         let mut to = 0;
         for y in 0..down {
             for x in 0..across {
-                for row in 0..self.kernel {
-                    let from = (y * self.stride + row) * self.width + x * self.stride;
-                    run(from * self.channels, to);
-                    to += length;
+                for channel in 0..self.channels {
+                    for row in 0..self.kernel {
+                        let y = channel * self.height + y * self.stride + row;
+                        run(y * self.width + x * self.stride, to);
+                        to += self.kernel;
+                    }
                 }
             }
         }
@@ -75,7 +76,7 @@ impl Windows {
 
     /// Windows of every image: image × batch → patch × (positions · batch).
     pub(crate) fn unfold(&self, first: bool, out: &mut [f32], images: &[f32]) {
-        let length = self.kernel * self.channels;
+        let length = self.kernel;
         let windows = self.patch() * self.positions();
         let pairs = out
             .chunks_exact_mut(windows)
@@ -97,7 +98,7 @@ impl Windows {
         if first {
             out.fill(0.0);
         }
-        let length = self.kernel * self.channels;
+        let length = self.kernel;
         let size = self.patch() * self.positions();
         let pairs = out
             .chunks_exact_mut(self.image())
@@ -117,7 +118,7 @@ impl Windows {
 pub struct Conv {
     /// Windows of the input image.
     pub windows: Windows,
-    /// W (channels out × patch, a window's rows from top to bottom, its pixels from left to right, channels nearest), b and f.
+    /// W (channels out × patch, a window's numbers channel after channel, row after row), b and f.
     pub layer: Dense,
     channels: usize,
 }
@@ -147,12 +148,12 @@ impl Conv {
         }
     }
 
-    /// Numbers of the image that comes out.
+    /// Numbers of the feature map that comes out.
     pub fn output(&self) -> usize {
         self.channels * self.windows.positions()
     }
 
-    /// The convolved images (output × batch) of x (image × batch), without a tape; `unfolded` is scratch.
+    /// The feature maps (output × batch) of x (image × batch), without a tape; `unfolded` is scratch.
     pub fn infer(&self, p: &Parameters, x: &Tensor, unfolded: &mut Tensor, out: &mut Tensor) {
         assert_eq!(x.rows(), self.windows.image(), "image of a convolution");
         let batch = x.cols();
@@ -163,7 +164,7 @@ impl Conv {
     }
 }
 
-/// Transposed convolution: every pixel of the input makes a window of the output; windows are summed, b added.
+/// Transposed convolution: every place of a feature map makes a window of the image; windows are summed, b added.
 #[derive(Clone, Copy, Debug)]
 pub struct Deconv {
     /// Windows of the output image.
@@ -196,19 +197,23 @@ impl Deconv {
         }
     }
 
-    /// Numbers of the image that goes in.
+    /// Numbers of the feature map that goes in.
     pub fn input(&self) -> usize {
         self.channels * self.windows.positions()
     }
 
-    /// Channels of the image that goes in.
+    /// Channels of the feature map that goes in.
     pub fn channels(&self) -> usize {
         self.channels
     }
 
     /// The images (image × batch) of x (input × batch), without a tape; `made` is scratch.
     pub fn infer(&self, p: &Parameters, x: &Tensor, made: &mut Tensor, out: &mut Tensor) {
-        assert_eq!(x.rows(), self.input(), "image of a transposed convolution");
+        assert_eq!(
+            x.rows(),
+            self.input(),
+            "feature map of a transposed convolution"
+        );
         let (batch, patch) = (x.cols(), self.windows.patch());
         let pixels = self.windows.positions() * batch;
         made.resize_to(patch, pixels);
@@ -225,8 +230,10 @@ impl Deconv {
         out.resize_to(self.windows.image(), batch);
         self.windows.fold(true, out.data_mut(), made.data());
         let bias = p.get(self.bias).data();
-        for pixel in out.data_mut().chunks_exact_mut(self.windows.channels) {
-            pixel.iter_mut().zip(bias).for_each(|(x, b)| *x += b);
+        let plane = self.windows.height * self.windows.width;
+        for (i, plane) in out.data_mut().chunks_exact_mut(plane).enumerate() {
+            let b = bias[i % self.windows.channels];
+            plane.iter_mut().for_each(|x| *x += b);
         }
     }
 }

@@ -32,7 +32,7 @@ const fn windows(
     }
 }
 
-/// y[oy, ox, o] = b[o] + Σ_{ky, kx, c} W[o, (ky, kx, c)] x[oy s + ky, ox s + kx, c], as written in books.
+/// y[o, oy, ox] = b[o] + Σ_{c, ky, kx} W[o, c, ky, kx] x[c, oy s + ky, ox s + kx], as written in books.
 #[test]
 fn a_convolution_is_its_definition() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
@@ -61,9 +61,10 @@ fn a_convolution_is_its_definition() {
                         for ky in 0..w.kernel {
                             for kx in 0..w.kernel {
                                 for c in 0..w.channels {
-                                    let pixel = (oy * w.stride + ky) * w.width + ox * w.stride + kx;
-                                    let input = x.column(j)[pixel * w.channels + c];
-                                    let at = (ky * w.kernel + kx) * w.channels + c;
+                                    let (y, left) = (oy * w.stride + ky, ox * w.stride + kx);
+                                    let at = (c * w.height + y) * w.width + left;
+                                    let input = x.column(j)[at];
+                                    let at = (c * w.kernel + ky) * w.kernel + kx;
                                     sum += f64::from(weight.column(at)[o]) * f64::from(input);
                                 }
                             }
@@ -128,6 +129,11 @@ fn gradients_of_convolutions() {
         });
     }
     let mut x = [random(&mut rng, 6, 4, -1.0, 1.0)];
+    check("columns", &mut Parameters::new(), &mut x, &|t, v| {
+        let (a, b) = (t.columns(v[0], 0..3), t.columns(v[0], 1..4));
+        let product = t.mul(a, b);
+        t.join(&[product, v[0], a])
+    });
     check("reshape", &mut Parameters::new(), &mut x, &|t, v| {
         let y = t.reshape(v[0], 3, 8);
         t.mul(y, y)

@@ -3,10 +3,12 @@
 pub mod assistant;
 pub mod cross_entropy;
 pub mod imagination;
+pub mod items;
 pub mod people;
 pub mod planner;
 
 pub use assistant::Assistant;
 pub use imagination::{Imagination, Stage};
+pub use items::Items;
 pub use people::{ImaginedPeople, LocalPeople, PeopleError};
 pub use planner::{Decision, Planner, Settings};

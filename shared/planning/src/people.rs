@@ -32,7 +32,7 @@ pub trait ImaginedPeople {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError>;
 
     /// Shows `group` what it would observe and be told.
@@ -66,7 +66,7 @@ impl ImaginedPeople for LocalPeople<'_> {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         let actions = self
             .groups

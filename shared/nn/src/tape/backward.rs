@@ -143,12 +143,14 @@ impl Tape<'_> {
                 Op::Gru { cell, x, h, .. } => {
                     need(x) || need(h) || cell.ids().into_iter().any(wanted)
                 }
-                Op::Concat { from, count } => arena.lists[from..from + count]
+                Op::Concat { from, count } | Op::Join { from, count } => arena.lists
+                    [from..from + count]
                     .iter()
                     .any(|&part| need(Var(part))),
                 Op::Rows { x, .. }
                 | Op::Select { x, .. }
                 | Op::Unfold { x, .. }
+                | Op::Columns { x, .. }
                 | Op::Fold { x, .. } => need(x),
                 Op::Product { x, weight } => need(x) || wanted(weight),
                 Op::Broadcast(x)
@@ -282,6 +284,25 @@ impl Step<'_> {
                     } else {
                         dx.iter_mut().for_each(|d| *d += value);
                     }
+                }
+            }
+            Op::Join { from, count } => {
+                let mut start = 0;
+                for &part in &lists[from..from + count] {
+                    let length = self.nodes[part as usize].len();
+                    if let Some((first, dx)) = self.gradient(Var(part)) {
+                        kernels::copy(first, dx, &g[start..start + length]);
+                    }
+                    start += length;
+                }
+            }
+            Op::Columns { x, from } => {
+                if let Some((first, dx)) = self.gradient(x) {
+                    if first {
+                        dx.fill(0.0);
+                    }
+                    let at = from * rows;
+                    kernels::copy(false, &mut dx[at..at + g.len()], g);
                 }
             }
             Op::Reshape(x) => {

@@ -68,15 +68,20 @@ impl Tape<'_> {
     /// A transposed convolution: input × batch → image × batch.
     pub fn deconv(&mut self, deconv: &Deconv, x: Var) -> Var {
         let (rows, batch) = self.shape(x);
-        assert_eq!(rows, deconv.input(), "image of a transposed convolution");
+        assert_eq!(
+            rows,
+            deconv.input(),
+            "feature map of a transposed convolution"
+        );
         let pixels = self.reshape(x, deconv.channels(), deconv.windows.positions() * batch);
         let made = self.weight_times(deconv.weight, pixels);
         let image = self.fold(deconv.windows, made);
-        let (image_rows, channels) = (deconv.windows.image(), deconv.windows.channels);
-        let image = self.reshape(image, channels, image_rows / channels * batch);
+        let (rows, channels) = (deconv.windows.image(), deconv.windows.channels);
         let bias = self.param(deconv.bias);
-        let bias = self.broadcast(bias, image_rows / channels * batch);
-        let out = self.add(image, bias);
-        self.reshape(out, image_rows, batch)
+        let bias = self.broadcast(bias, batch);
+        let bias = self.reshape(bias, 1, channels * batch);
+        let bias = self.spread(bias, rows / channels);
+        let bias = self.reshape(bias, rows, batch);
+        self.add(image, bias)
     }
 }

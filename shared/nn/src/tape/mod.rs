@@ -126,6 +126,15 @@ enum Op {
         x: Var,
         windows: Windows,
     },
+    /// Columns side by side; range of `Arena::lists`.
+    Join {
+        from: usize,
+        count: usize,
+    },
+    Columns {
+        x: Var,
+        from: usize,
+    },
     /// W x
     Product {
         x: Var,

@@ -101,6 +101,52 @@ impl Tape<'_> {
         })
     }
 
+    /// [a, b, …]: columns side by side.
+    ///
+    /// # Panics
+    /// If the parts' rows differ.
+    pub fn join(&mut self, parts: &[Var]) -> Var {
+        let rows = self.shape(parts[0]).0;
+        let mut cols = 0;
+        for &part in parts {
+            assert_eq!(self.shape(part).0, rows, "rows of joined parts");
+            cols += self.shape(part).1;
+        }
+        let from = self.arena.lists.len();
+        self.arena.lists.extend(parts.iter().map(|part| part.0));
+        let op = Op::Join {
+            from,
+            count: parts.len(),
+        };
+        self.record(op, rows, cols, |before, out| {
+            let mut start = 0;
+            for &part in parts {
+                let x = before.value(part);
+                out[start..start + x.len()].copy_from_slice(x);
+                start += x.len();
+            }
+        })
+    }
+
+    /// Some of the columns.
+    ///
+    /// # Panics
+    /// If the range leaves the variable.
+    pub fn columns(&mut self, v: Var, range: Range<usize>) -> Var {
+        let (rows, width) = self.shape(v);
+        assert!(
+            range.start <= range.end && range.end <= width,
+            "columns out of range"
+        );
+        let op = Op::Columns {
+            x: v,
+            from: range.start,
+        };
+        self.record(op, rows, range.len(), |before, out| {
+            out.copy_from_slice(&before.value(v)[range.start * rows..range.end * rows]);
+        })
+    }
+
     /// r × 1 repeated to r × cols.
     pub fn broadcast(&mut self, v: Var, cols: usize) -> Var {
         let (rows, one) = self.shape(v);
