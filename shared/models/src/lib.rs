@@ -2,6 +2,7 @@
 //! implements. Nothing here knows of processes or topics.
 
 pub mod checkpoint;
+pub mod discrete;
 pub mod human;
 pub mod imagined;
 pub mod implants;

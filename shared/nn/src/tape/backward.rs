@@ -150,6 +150,7 @@ impl Tape<'_> {
                 Op::Rows { x, .. }
                 | Op::Select { x, .. }
                 | Op::Unfold { x, .. }
+                | Op::GatherRows { x, .. }
                 | Op::Columns { x, .. }
                 | Op::Fold { x, .. } => need(x),
                 Op::Product { x, weight } => need(x) || wanted(weight),
@@ -294,6 +295,21 @@ impl Step<'_> {
                         kernels::copy(first, dx, &g[start..start + length]);
                     }
                     start += length;
+                }
+            }
+            Op::GatherRows { x, from } => {
+                let height = self.nodes[x.index()].rows;
+                if rows > 0
+                    && let Some((first, dx)) = self.gradient(x)
+                {
+                    if first {
+                        dx.fill(0.0);
+                    }
+                    for (dx, g) in dx.chunks_exact_mut(height).zip(g.chunks_exact(rows)) {
+                        for (g, source) in g.iter().zip(&lists[from..from + rows]) {
+                            dx[*source as usize] += g;
+                        }
+                    }
                 }
             }
             Op::Columns { x, from } => {

@@ -135,6 +135,11 @@ enum Op {
         x: Var,
         from: usize,
     },
+    /// `from`: place of each row's source in `Arena::lists`.
+    GatherRows {
+        x: Var,
+        from: usize,
+    },
     /// W x
     Product {
         x: Var,
