@@ -3,6 +3,7 @@
 pub mod batches;
 pub mod checkpoint;
 pub mod demonstrations;
+pub mod discrete;
 pub mod implants;
 pub mod irl;
 pub mod replay;

@@ -4,6 +4,7 @@
 //! domain; [`DiscreteModel`] is the self-model, [`Implants`] turn it into a model of a person ([`DiscreteHuman`]), and
 //! [`RecurrentPolicy`] is what behavioural cloning and soft-Q imitation learn instead.
 
+mod checkpoint;
 mod filter;
 mod human;
 mod implants;
@@ -12,6 +13,7 @@ mod self_model;
 mod sizes;
 mod view;
 
+pub use checkpoint::{DOMAIN, digest, metadata, model_from};
 pub use filter::{DiscreteFilter, DiscreteScratch};
 pub use human::DiscreteHuman;
 pub use implants::{Attached, Implants, RESIDUAL_HIDDEN, policy_on_tape, seen_on_tape};
