@@ -2,12 +2,14 @@
 
 pub mod assistant;
 pub mod cross_entropy;
+pub mod discrete;
 pub mod imagination;
 pub mod items;
 pub mod people;
 pub mod planner;
 
 pub use assistant::Assistant;
+pub use discrete::DiscreteAssistant;
 pub use imagination::{Imagination, Stage};
 pub use items::Items;
 pub use people::{ImaginedPeople, LocalPeople, PeopleError};

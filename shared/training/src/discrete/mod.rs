@@ -3,11 +3,14 @@
 mod batch;
 mod checkpoint;
 mod dqn;
+pub mod implants;
 mod replay;
 mod rollout;
+mod rounds;
 
 pub use batch::{Dropout, Shard};
 pub use checkpoint::ResumeError;
 pub use dqn::{Metrics, Settings, Trainer};
 pub use replay::{Episode, Replay};
 pub use rollout::{Actor, Lived, Rollout};
+pub use rounds::{Round, Rounds, RoundsError};
