@@ -147,6 +147,11 @@ impl DiscreteAssistant {
         &self.expected
     }
 
+    /// Probability of an item in the last plan's first decision: visual items, then verbal ones.
+    pub fn probability(&self, item: usize) -> f32 {
+        self.planner.probability(item)
+    }
+
     /// What the robot believes: mean and deviation of z^R, `latent × 1`.
     pub fn belief(&self) -> &DiscreteFilter {
         &self.filter

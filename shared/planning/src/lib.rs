@@ -7,6 +7,7 @@ pub mod imagination;
 pub mod items;
 pub mod people;
 pub mod planner;
+pub mod round;
 
 pub use assistant::Assistant;
 pub use discrete::DiscreteAssistant;

@@ -2,8 +2,7 @@
 //! appendix, "MIRROR Implants").
 //!
 //! *Perceptual implant*: the limits of [`Perceiver`]. *Policy implant*: a residual δ(z^H) on the logits of the categorical policy,
-//! p̂ = softmax(Q/temperature · e^s + δ(z^H)); the sharpness s lets people be more or less sure than the robot everywhere, as the
-//! highway's implant does with noise.
+//! p̂ = softmax(Q/temperature + δ(z^H)).
 
 use super::perception::Perceiver;
 use super::self_model::DiscreteModel;
@@ -17,21 +16,13 @@ pub const RESIDUAL_HIDDEN: usize = 16;
 /// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
 #[derive(Clone, Debug)]
 pub struct Implants {
-    /// `implant.limits` (limits × 1, before the logistic function), `implant.residual.*`, `implant.sharpness`.
+    /// `implant.limits` (limits × 1, before the logistic function), `implant.residual.*`.
     pub parameters: Parameters,
     /// The perception that they belong to.
     pub perceiver: Perceiver,
     limits: ParamId,
-    policy: Option<PolicyImplant>,
-}
-
-/// The policy implant's parts.
-#[derive(Clone, Debug)]
-pub struct PolicyImplant {
     /// δ: `z → actions`.
-    pub residual: Mlp,
-    /// s, 1 × 1.
-    pub sharpness: ParamId,
+    residual: Option<Mlp>,
 }
 
 /// The implants' parameters next to the self-model's in a larger set, so that one tape reaches both.
@@ -39,8 +30,8 @@ pub struct PolicyImplant {
 pub struct Attached {
     /// Limits before the logistic function.
     pub limits: ParamId,
-    /// None for MIRROR-P, which has the perceptual implant only.
-    pub policy: Option<PolicyImplant>,
+    /// δ; none for MIRROR-P, which has the perceptual implant only.
+    pub residual: Option<Mlp>,
     ids: Vec<ParamId>,
 }
 
@@ -57,7 +48,7 @@ impl Implants {
         let perceiver = Perceiver::new(&model.layout);
         let mut parameters = Parameters::default();
         let limits = parameters.add("implant.limits", Tensor::new(perceiver.limits(), 1));
-        let policy = with_policy.then(|| {
+        let residual = with_policy.then(|| {
             let residual = Mlp::new(
                 &mut parameters,
                 "implant.residual",
@@ -73,23 +64,19 @@ impl Implants {
                 parameters.get_mut(last.weight).fill(0.0);
                 parameters.get_mut(last.bias).fill(0.0);
             }
-            let sharpness = parameters.add("implant.sharpness", Tensor::new(1, 1));
-            PolicyImplant {
-                residual,
-                sharpness,
-            }
+            residual
         });
         Self {
             parameters,
             perceiver,
             limits,
-            policy,
+            residual,
         }
     }
 
     /// Whether there is a policy implant.
     pub fn has_policy(&self) -> bool {
-        self.policy.is_some()
+        self.residual.is_some()
     }
 
     /// The limits, in cells or as probabilities.
@@ -101,19 +88,14 @@ impl Implants {
             .collect()
     }
 
-    /// Sets every limit to this share of the largest.
-    pub fn set_limits(&mut self, share: f32) {
-        let share = share.clamp(1e-3, 1.0 - 1e-3);
-        self.parameters
-            .get_mut(self.limits)
-            .fill((share / (1.0 - share)).ln());
-    }
-
-    /// s; 0 without a policy implant.
-    pub fn sharpness(&self) -> f32 {
-        self.policy
-            .as_ref()
-            .map_or(0.0, |p| self.parameters.get(p.sharpness).data()[0])
+    /// Sets the limits, in cells or as probabilities; one past the end stays as it is.
+    pub fn set_limits(&mut self, limits: &[f32]) {
+        let largest = self.perceiver.largest();
+        let raw = self.parameters.get_mut(self.limits).data_mut();
+        for (raw, limit) in raw.iter_mut().zip(limits) {
+            let share = (limit / largest).clamp(1e-3, 1.0 - 1e-3);
+            *raw = (share / (1.0 - share)).ln();
+        }
     }
 
     /// Copies the implants' parameters to the end of `parameters`.
@@ -125,21 +107,17 @@ impl Implants {
             new
         };
         let limits = copy(self.limits);
-        let policy = self.policy.as_ref().map(|policy| {
-            let mut residual = policy.residual.clone();
+        let residual = self.residual.as_ref().map(|residual| {
+            let mut residual = residual.clone();
             for layer in &mut residual.layers {
                 layer.weight = copy(layer.weight);
                 layer.bias = copy(layer.bias);
             }
-            let sharpness = copy(policy.sharpness);
-            PolicyImplant {
-                residual,
-                sharpness,
-            }
+            residual
         });
         Attached {
             limits,
-            policy,
+            residual,
             ids,
         }
     }
@@ -162,14 +140,13 @@ impl Implants {
         scratch: &mut MlpScratch,
         delta: &mut Tensor,
     ) {
-        let Some(policy) = &self.policy else {
+        let Some(residual) = &self.residual else {
             return;
         };
-        policy.residual.infer(&self.parameters, z, scratch, delta);
-        let sharpness = self.sharpness().exp();
+        residual.infer(&self.parameters, z, scratch, delta);
         let log = distribution.log_probability.data_mut();
         for (log, delta) in log.iter_mut().zip(delta.data()) {
-            *log = *log * sharpness + delta;
+            *log += delta;
         }
         nn::log_softmax_in_place(&mut distribution.log_probability);
     }
@@ -233,15 +210,9 @@ pub fn policy_on_tape(
 ) -> (Var, Option<Var>) {
     let q = tape.mlp(&model.q, z);
     let logits = tape.scale(q, 1.0 / model.sizes.temperature);
-    let Some(policy) = &attached.policy else {
+    let Some(residual) = &attached.residual else {
         return (logits, None);
     };
-    let (actions, batch) = tape.shape(logits);
-    let sharpness = tape.param(policy.sharpness);
-    let sharpness = tape.exp(sharpness);
-    let sharpness = tape.broadcast(sharpness, batch);
-    let sharpness = tape.spread(sharpness, actions);
-    let sharpened = tape.mul(logits, sharpness);
-    let delta = tape.mlp(&policy.residual, z);
-    (tape.add(sharpened, delta), Some(delta))
+    let delta = tape.mlp(residual, z);
+    (tape.add(logits, delta), Some(delta))
 }

@@ -207,7 +207,8 @@ impl DiscreteModel {
     pub fn negative_elbo(&self, tape: &mut Tape, batch: &Batch) -> ElboTerms {
         let Sizes {
             latent,
-            visual_deviation,
+            image_deviation,
+            state_deviation,
             verbal_deviation,
             reward_deviation,
             ..
@@ -265,13 +266,30 @@ impl DiscreteModel {
         let kl = tape.gaussian_kl(mean, deviation, prior_mean, prior_deviation);
         let divergence = average(tape, kl);
         let visual = self.decode_visual(tape, z);
-        let visual = squared_error(tape, visual, &batch.visual, visual_deviation);
+        let target = tape.input(&batch.visual);
+        let (image, numbers) = (self.sizes.image_numbers(), self.sizes.shape.visual);
+        let others = {
+            let (decoded, target) = (
+                tape.rows(visual, image..numbers),
+                tape.rows(target, image..numbers),
+            );
+            squared_error(tape, decoded, target, state_deviation)
+        };
+        let visual = if image > 0 {
+            let (decoded, target) = (tape.rows(visual, 0..image), tape.rows(target, 0..image));
+            let image = squared_error(tape, decoded, target, image_deviation);
+            tape.add(image, others)
+        } else {
+            others
+        };
         let verbal = tape.mlp(&self.verbal, z);
-        let verbal = squared_error(tape, verbal, &batch.verbal, verbal_deviation);
+        let target = tape.input(&batch.verbal);
+        let verbal = squared_error(tape, verbal, target, verbal_deviation);
         let both = tape.add(visual, verbal);
         let reconstruction = average(tape, both);
         let reward = tape.mlp(&self.reward, z);
-        let reward = squared_error(tape, reward, &batch.reward, reward_deviation);
+        let target = tape.input(&batch.reward);
+        let reward = squared_error(tape, reward, target, reward_deviation);
         let reward = average(tape, reward);
         let loss = tape.add(reconstruction, reward);
         let loss = tape.add(loss, divergence);
@@ -286,8 +304,7 @@ impl DiscreteModel {
 }
 
 /// −log N(target | decoded, σ²) without its constant, summed over features: `1 × batch`.
-fn squared_error(tape: &mut Tape, decoded: Var, target: &Tensor, deviation: f32) -> Var {
-    let target = tape.input(target);
+fn squared_error(tape: &mut Tape, decoded: Var, target: Var, deviation: f32) -> Var {
     let difference = tape.sub(decoded, target);
     let squared = tape.square(difference);
     let summed = tape.sum_rows(squared);

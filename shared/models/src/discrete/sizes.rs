@@ -59,8 +59,10 @@ pub struct Sizes {
     pub decoder_hidden: usize,
     /// Of the Q-network.
     pub q_hidden: usize,
-    /// σ of p(x^visual | z).
-    pub visual_deviation: f32,
+    /// σ of p(x^visual | z) for pixels.
+    pub image_deviation: f32,
+    /// σ of p(x^visual | z) for the other visual numbers: less than half of a cell, in which they count.
+    pub state_deviation: f32,
     /// σ of p(x^verbal | z).
     pub verbal_deviation: f32,
     /// σ of p(r | z).
@@ -103,7 +105,8 @@ impl Sizes {
             encoder_hidden: 64,
             decoder_hidden: 32,
             q_hidden: 128,
-            visual_deviation: 0.1,
+            image_deviation: 0.3,
+            state_deviation: 0.04,
             verbal_deviation: 0.2,
             reward_deviation: 0.5,
             temperature: 0.5,
@@ -111,6 +114,7 @@ impl Sizes {
         match layout.domain {
             Domain::Driving => driving,
             Domain::SearchRescue => Self {
+                state_deviation: 0.08,
                 transition_hidden: 64,
                 encoder_hidden: 128,
                 decoder_hidden: 64,
@@ -126,6 +130,7 @@ impl Sizes {
                 encoder_hidden: 64,
                 decoder_hidden: 64,
                 q_hidden: 256,
+                state_deviation: 0.08,
                 ..driving
             },
         }
@@ -155,7 +160,8 @@ impl Sizes {
             return Some(format!("layers from 1 to 4096 neurons, not {layers:?}"));
         }
         let scales = [
-            self.visual_deviation,
+            self.image_deviation,
+            self.state_deviation,
             self.verbal_deviation,
             self.reward_deviation,
             self.temperature,

@@ -2,8 +2,11 @@
 //! and appendix, "Model Architectures and Training").
 //!
 //! ```text
-//! L_Q = E[(Q_ψ(z_t, a_t) − r_{t+1} − γ (1 − end_{t+1}) max_a Q_ψ'(z_{t+1}, a))²]        ψ' ← ψ' + rate (ψ − ψ')
+//! L_Q = E[(Q_ψ(z_t, a_t) − r_{t+1} − γ (1 − end_{t+1}) Q_ψ'(z_{t+1}, argmax_a Q_ψ(z_{t+1}, a)))²]     ψ' ← ψ' + rate (ψ − ψ')
 //! ```
+//!
+//! The action is chosen by ψ and valued by ψ' (double Q-learning; the paper's plain maximum overestimates, and likelihoods and
+//! plans rest on the values themselves).
 //!
 //! A phase lives some rounds (each by the expert with probability β, else ε-greedily) and then makes gradient steps on both
 //! losses at once; z is a constant to L_Q. Randomness is drawn anew from (seed, phase), and a checkpoint holds weights, target,
@@ -14,6 +17,7 @@ use super::replay::{NO_ACTION, Replay};
 use super::rollout::{Actor, Rollout};
 use domains::discrete::{Discrete, Domain, World};
 use models::discrete::{DiscreteModel, DiscreteScratch, Sizes};
+use models::policy::largest;
 use nn::{Adam, Arena, Gradients, ParamId, Parameters, Tape, Tensor};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -179,6 +183,7 @@ struct Worker {
     scratch: DiscreteScratch,
     after: Tensor,
     future: Tensor,
+    choices: Tensor,
     goal: Tensor,
     counts: Tensor,
     classes: Vec<u32>,
@@ -225,6 +230,7 @@ impl Trainer {
                 scratch: DiscreteScratch::default(),
                 after: Tensor::default(),
                 future: Tensor::default(),
+                choices: Tensor::default(),
                 goal: Tensor::default(),
                 counts: Tensor::default(),
                 classes: Vec::new(),
@@ -387,12 +393,13 @@ impl Worker {
         let mut tape = Tape::new(&model.parameters, &mut self.arena);
         let terms = model.negative_elbo(&mut tape, batch);
 
-        // r_{t+1} + γ (1 − end_{t+1}) max_a Q_ψ'(z_{t+1}, a)
+        // r_{t+1} + γ (1 − end_{t+1}) Q_ψ'(z_{t+1}, argmax_a Q_ψ(z_{t+1}, a))
         let latent = model.sizes.latent;
         self.after.resize_to(latent, transitions);
         let z = &tape.value(terms.z)[latent * columns..];
         self.after.data_mut().copy_from_slice(z);
         target.q_values(&mut self.scratch, &self.after, &mut self.future);
+        model.q_values(&mut self.scratch, &self.after, &mut self.choices);
         self.goal.resize_to(1, transitions);
         self.counts.resize_to(1, transitions);
         self.classes.clear();
@@ -400,8 +407,7 @@ impl Worker {
             let next = j + columns;
             let taken = shard.taken[j];
             let counts = taken != NO_ACTION;
-            let best = self.future.column(j).iter().copied();
-            let best = best.fold(f32::NEG_INFINITY, f32::max);
+            let best = self.future.column(j)[largest(self.choices.column(j))];
             let future = discount * (1.0 - shard.terminal[next]) * best;
             self.goal.data_mut()[j] = batch.reward.data()[next] + future;
             self.counts.data_mut()[j] = f32::from(u8::from(counts));

@@ -4,8 +4,8 @@
 //! argmin_χ  − Σ_t E_{z_t ~ q(z_t | x_{1:t}, a_{1:t−1}, χ)} [log π(a_t | z_t)]  −  λ log p(χ)
 //! ```
 //!
-//! Only χ moves. Whole rounds are followed through the perceptual implant and q_φ; for −λ log p(χ) stand penalties on the
-//! residual's square and on the sharpness.
+//! Only χ moves. Whole rounds are followed through the perceptual implant and q_φ; for −λ log p(χ) stands a penalty on the
+//! residual's square.
 
 use super::rounds::Rounds;
 use crate::SHARDS;
@@ -195,7 +195,8 @@ fn learn_from(
     }
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut implants = Implants::new(model, with_policy, &mut rng);
-    implants.set_limits(start);
+    let perceiver = implants.perceiver;
+    implants.set_limits(&vec![start * perceiver.largest(); perceiver.limits()]);
     let mut parameters = model.parameters.clone();
     let attached = implants.attach(&mut parameters);
     let mut arenas: Vec<Arena> = shards.iter().map(|_| Arena::default()).collect();
@@ -203,7 +204,6 @@ fn learn_from(
         .iter()
         .map(|_| Gradients::for_params(&parameters))
         .collect();
-    let moments = rounds.steps().max(1) as f32;
     let counted = |shard: &Followed| shard.weight.data().iter().sum::<f32>();
     let total: f32 = shards.iter().map(counted).sum();
     let mut adam = Adam::new(&parameters, attached.ids().to_vec(), settings.learning_rate);
@@ -219,11 +219,6 @@ fn learn_from(
             gradients.zero_only(attached.ids());
             let mut tape = Tape::new(&parameters, arena);
             let loss = negative_log_likelihood(&mut tape, model, &attached, shard, settings);
-            let prior = negative_log_prior(&mut tape, &attached, moments);
-            let loss = match prior {
-                Some(prior) => tape.add(loss, prior),
-                None => loss,
-            };
             let loss = tape.scale(loss, counted(shard) / total);
             tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
             tape.scalar(loss)
@@ -309,15 +304,6 @@ pub fn negative_log_likelihood(
     let actions = model.sizes.shape.action as f32;
     let penalty = tape.scale(sum, settings.residual_penalty / (counted * actions));
     tape.add(loss, penalty)
-}
-
-/// −log N(s; 0, 1) of the sharpness, on the scale of the mean over `moments`.
-fn negative_log_prior(tape: &mut Tape, attached: &Attached, moments: f32) -> Option<Var> {
-    let sharpness = attached.policy.as_ref()?.sharpness;
-    let s = tape.param(sharpness);
-    let squared = tape.square(s);
-    let squared = tape.sum(squared);
-    Some(tape.scale(squared, 0.5 / moments))
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.

@@ -138,13 +138,14 @@ impl Rollout {
     }
 }
 
-/// Whether a state has no future. The end of the driving road and of a searcher's time cannot be seen coming: they merely
-/// stop the round. A bomb's clock is part of what is seen.
+/// Whether a state has no future. A searcher's time cannot be seen coming and merely stops the round; a bomb's clock is part of
+/// what is seen. The end of the road comes unseen too, but after so few steps that values without it, which nothing would
+/// hold down, grow beyond what can be earned.
 fn is_terminal(domain: Domain, end: End) -> bool {
     match end {
         End::Running => false,
         End::Collision => true,
-        End::Success => domain != Domain::Driving,
+        End::Success => true,
         End::OutOfTime => domain == Domain::BombDefusal,
     }
 }
