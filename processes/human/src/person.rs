@@ -191,7 +191,7 @@ impl Person {
                     group,
                     rows,
                     question.seed,
-                    known,
+                    known.as_ref().map(|a| &a[..]),
                 )
             }
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {

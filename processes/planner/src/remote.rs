@@ -97,13 +97,13 @@ impl ImaginedPeople for RemotePeople<'_> {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.send(group, rows, |question| {
             question.phase = 0;
             question.seed = seed;
             question.action_known = u32::from(known_action.is_some());
-            question.action = known_action.unwrap_or_default();
+            question.action = known_action.map_or([0.0; 2], |a| [a[0], a[1]]);
         })
     }
 

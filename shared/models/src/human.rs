@@ -114,12 +114,23 @@ pub trait HumanModel: Send {
     /// Rows of a belief.
     fn latent(&self) -> usize;
 
+    /// Standard normals that [`HumanModel::perceive`] takes per person: `latent` to sample z^H and, where perception itself
+    /// is a matter of chance, more for that.
+    fn noise_rows(&self) -> usize {
+        self.latent()
+    }
+
+    /// Room for this model's action distributions.
+    fn distribution(&self, batch: usize) -> ActionDistribution {
+        ActionDistribution::new(2, batch)
+    }
+
     /// Updates beliefs with what people perceive (steps 4 to 7 of forward imagination): the observation through their
     /// perception, overlaid with what is communicated.
     ///
-    /// `actions`: `2 × batch`, what each person did since the last call (ignored while `beliefs.fresh`); `observations`:
-    /// what the robot sensed or imagines; `communicated`: one entry per person; `noise`: standard normals,
-    /// `latent × batch`, to sample z^H, or none to carry the mean.
+    /// `actions`: `actions × batch`, what each person did since the last call (ignored while `beliefs.fresh`);
+    /// `observations`: what the robot sensed or imagines; `communicated`: one entry per person; `noise`: standard normals,
+    /// `latent × batch` to sample z^H followed by what else `noise_rows` counts, or none to carry the mean.
     fn perceive(
         &mut self,
         beliefs: &mut Beliefs,
@@ -132,8 +143,10 @@ pub trait HumanModel: Send {
     /// The distribution of each person's next action.
     fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution);
 
-    /// What this model thinks the person sees of each azimuth, in metres.
-    fn visible_m(&self) -> [f32; AZIMUTHS];
+    /// The highway's models: what they think the person sees of each azimuth, in metres.
+    fn visible_m(&self) -> [f32; AZIMUTHS] {
+        [crate::observation::RANGE_M; AZIMUTHS]
+    }
 }
 
 /// The self-model as a human model, with or without implants.

@@ -32,7 +32,17 @@ mod stream {
 }
 
 impl ImaginedGroups {
-    /// Room for `groups` groups of at most `rows` people.
+    /// Room for `groups` groups of at most `rows` people of whatever kind `model` is.
+    pub fn for_model(model: &dyn HumanModel, groups: usize, rows: usize) -> Self {
+        let distribution = model.distribution(rows);
+        let actions = distribution.shape().0;
+        Self {
+            distribution,
+            ..Self::new(model.latent(), actions, groups, rows)
+        }
+    }
+
+    /// Room for `groups` groups of at most `rows` people with Gaussian actions.
     pub fn new(latent: usize, actions: usize, groups: usize, rows: usize) -> Self {
         let group = || Group {
             beliefs: Beliefs::new(latent, rows),
@@ -55,7 +65,7 @@ impl ImaginedGroups {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<&Tensor, UnknownGroup> {
         let Some(Group {
             beliefs,
@@ -73,7 +83,7 @@ impl ImaginedGroups {
             Some(action) => {
                 actions.resize_to(action.len(), rows);
                 for j in 0..rows {
-                    actions.column_mut(j).copy_from_slice(&action);
+                    actions.column_mut(j).copy_from_slice(action);
                 }
             }
             None => act(
@@ -106,7 +116,7 @@ impl ImaginedGroups {
             return Err(UnknownGroup(group));
         };
         self.noise
-            .resize(model.latent() * observations.batch(), 0.0);
+            .resize(model.noise_rows() * observations.batch(), 0.0);
         noise::fill(&mut self.noise, seed, stream::BELIEF);
         model.perceive(
             beliefs,
@@ -144,7 +154,8 @@ fn act(
     actions: &mut Tensor,
 ) {
     model.act(beliefs, distribution);
-    spare.resize(distribution.mean.data().len(), 0.0);
+    let (rows, cols) = distribution.shape();
+    spare.resize(rows * cols, 0.0);
     noise::fill(spare, seed, stream::ACTION);
     distribution.sample(Some(spare), actions);
 }

@@ -2,6 +2,7 @@
 //! implements. Nothing here knows of processes or topics.
 
 pub mod checkpoint;
+pub mod discrete;
 pub mod human;
 pub mod imagined;
 pub mod implants;
@@ -11,9 +12,11 @@ pub mod recurrent;
 pub mod recurrent_file;
 pub mod self_model;
 pub mod utterances;
+pub mod world_model;
 
 pub use human::{Beliefs, HumanModel, Kind, SelfHuman};
 pub use implants::Implants;
 pub use observation::{Communicated, Observations, Shape};
 pub use recurrent::{RecurrentHuman, RecurrentPolicy, RecurrentSizes};
 pub use self_model::{Filter, SelfModel};
+pub use world_model::WorldModel;

@@ -108,34 +108,35 @@ impl Shape {
     }
 }
 
-/// Which sectors are communicated to one person: visual in bits 0–5, verbal in bits 8–13.
+/// Which items are communicated to one person, at most 16 visual and 8 verbal: visual in bits 0–7 and 16–23, verbal in
+/// bits 8–15.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Communicated(pub u32);
 
 impl Communicated {
-    /// From a bit per sector for each modality.
+    /// From a bit per item for each modality.
     pub const fn new(visual: u32, verbal: u32) -> Self {
-        Self((visual & 0x3f) | ((verbal & 0x3f) << 8))
+        Self((visual & 0xff) | ((verbal & 0xff) << 8) | ((visual & 0xff00) << 8))
     }
 
-    /// Whether sector `s` is highlighted.
+    /// Whether visual item `s` (on the highway: a sector) is shown.
     pub const fn visual(self, s: usize) -> bool {
-        self.0 >> s & 1 == 1
+        self.visual_bits() >> s & 1 == 1
     }
 
-    /// Whether sector `s` is spoken about.
+    /// Whether verbal item `s` (on the highway: a sector) is spoken about.
     pub const fn verbal(self, s: usize) -> bool {
         self.0 >> (8 + s) & 1 == 1
     }
 
     /// The visual bits.
     pub const fn visual_bits(self) -> u32 {
-        self.0 & 0x3f
+        (self.0 & 0xff) | (self.0 >> 8 & 0xff00)
     }
 
     /// The verbal bits.
     pub const fn verbal_bits(self) -> u32 {
-        self.0 >> 8 & 0x3f
+        self.0 >> 8 & 0xff
     }
 }
 

@@ -6,3 +6,14 @@ use crate::{SMALLEST_DEVIATION, Tensor, kernels};
 pub fn softplus_in_place(tensor: &mut Tensor) {
     kernels::softplus_floor(tensor.data_mut(), SMALLEST_DEVIATION);
 }
+
+/// Makes log-probabilities of logits, column by column: x − ln Σ eˣ.
+pub fn log_softmax_in_place(tensor: &mut Tensor) {
+    let rows = tensor.rows();
+    for column in tensor.data_mut().chunks_exact_mut(rows.max(1)) {
+        let largest = column.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let sum: f32 = column.iter().map(|x| (x - largest).exp()).sum();
+        let log = largest + sum.ln();
+        column.iter_mut().for_each(|x| *x -= log);
+    }
+}

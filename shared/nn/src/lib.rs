@@ -10,6 +10,7 @@
 mod adam;
 pub mod checkpoint;
 mod gru;
+mod image;
 mod in_place;
 mod kernels;
 mod layers;
@@ -22,7 +23,8 @@ mod tensor;
 
 pub use adam::Adam;
 pub use gru::{Gru, GruScratch};
-pub use in_place::softplus_in_place;
+pub use image::{Conv, Deconv, Windows};
+pub use in_place::{log_softmax_in_place, softplus_in_place};
 pub use layers::{Activation, Dense, Mlp, MlpScratch, SMALLEST_DEVIATION};
 pub use parameters::{Gradients, ParamId, Parameters};
 pub use tape::{Arena, Tape, Var};

@@ -126,6 +126,20 @@ impl Tensor {
         self.cols = cols;
     }
 
+    /// Takes another shape of as many numbers; the contents stay.
+    ///
+    /// # Panics
+    /// If the number of elements differs.
+    pub fn reshape_to(&mut self, rows: usize, cols: usize) {
+        assert_eq!(
+            self.rows * self.cols,
+            rows * cols,
+            "elements of a reshaped tensor"
+        );
+        self.rows = rows;
+        self.cols = cols;
+    }
+
     /// Sets every number to `value`.
     pub fn fill(&mut self, value: f32) {
         self.data_mut().fill(value);

@@ -61,7 +61,14 @@ impl ThreadedPeople {
             while let Ok(mut p) = questions.recv() {
                 let model = &mut model;
                 let actions = if p.starts {
-                    groups.start(model, &person, p.group, p.rows, p.seed, p.known_action)
+                    groups.start(
+                        model,
+                        &person,
+                        p.group,
+                        p.rows,
+                        p.seed,
+                        p.known_action.as_ref().map(|a| &a[..]),
+                    )
                 } else {
                     groups.step(model, p.group, &p.observations, &p.communicated, p.seed)
                 };
@@ -106,10 +113,11 @@ impl ImaginedPeople for ThreadedPeople {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.send(group, |p| {
-            (p.starts, p.rows, p.seed, p.known_action) = (true, rows, seed, known_action);
+            (p.starts, p.rows, p.seed) = (true, rows, seed);
+            p.known_action = known_action.map(|a| [a[0], a[1]]);
         });
         Ok(())
     }

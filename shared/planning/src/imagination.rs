@@ -11,22 +11,19 @@
 //! 7. z^H_t ~ q(z^H_t | z^H_{t−1}, ǎ^H_{t−1}, x̊_t)
 
 use crate::people::{ImaginedPeople, PeopleError};
-use models::self_model::{Decoder, Dynamics, SelfModel};
-use models::{Communicated, Observations};
+use models::{Communicated, Observations, SelfModel, WorldModel};
 use nn::{Tensor, noise};
 
 /// One group's imagined futures.
-pub struct Imagination {
+pub struct Imagination<M: WorldModel = SelfModel> {
     group: usize,
     rows: usize,
     z: Tensor,
     actions: Tensor,
     observations: Observations,
     reward: Tensor,
-    spare: Tensor,
     noise: Vec<f32>,
-    dynamics: Dynamics,
-    decoder: Decoder,
+    scratch: M::Scratch,
     /// Discounted sum of rewards so far, one per future.
     pub returns: Vec<f32>,
 }
@@ -42,21 +39,19 @@ pub struct Stage {
     pub seed: u64,
 }
 
-impl Imagination {
+impl<M: WorldModel> Imagination<M> {
     /// Room for `rows` futures.
-    pub fn new(model: &SelfModel, group: usize, rows: usize) -> Self {
-        let latent = model.sizes.latent;
+    pub fn new(model: &M, group: usize, rows: usize) -> Self {
+        let (latent, shape) = (model.latent(), model.shape());
         Self {
             group,
             rows,
             z: Tensor::new(latent, rows),
-            actions: Tensor::new(model.sizes.shape.action, rows),
-            observations: Observations::new(&model.sizes.shape, rows),
+            actions: Tensor::new(shape.action, rows),
+            observations: Observations::new(&shape, rows),
             reward: Tensor::new(1, rows),
-            spare: Tensor::new(1, rows),
             noise: vec![0.0; latent * rows],
-            dynamics: Dynamics::new(latent),
-            decoder: Decoder::default(),
+            scratch: model.scratch(),
             returns: vec![0.0; rows],
         }
     }
@@ -72,7 +67,7 @@ impl Imagination {
         mean: &Tensor,
         deviation: &Tensor,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
         people.start(self.group, self.rows, seed, known_action)?;
@@ -100,7 +95,7 @@ impl Imagination {
     /// other group can be advanced meanwhile. The reward is decoded while they think.
     pub fn step(
         &mut self,
-        model: &SelfModel,
+        model: &M,
         stage: Stage,
         communicated: &[Communicated],
         last: bool,
@@ -108,18 +103,17 @@ impl Imagination {
     ) -> Result<(), PeopleError> {
         people.answer(self.group, &mut self.actions)?;
         noise::fill(&mut self.noise, stage.seed, ROBOT_STREAM);
-        self.dynamics
-            .step(model, &mut self.z, &self.actions, &self.noise);
+        model.advance(&mut self.scratch, &mut self.z, &self.actions, &self.noise);
         if !last {
             let Observations { visual, verbal } = &mut self.observations;
-            self.decoder.visual(model, &self.z, visual);
+            model.visual(&mut self.scratch, &self.z, visual);
             // What nobody is told need not be imagined: the mask hides what stands there from an earlier step.
             if communicated.iter().any(|c| c.verbal_bits() != 0) {
-                self.decoder.verbal(model, &self.z, verbal);
+                model.verbal(&mut self.scratch, &self.z, verbal);
             }
             people.ask(self.group, &self.observations, communicated, stage.seed)?;
         }
-        self.decoder.reward(model, &self.z, &mut self.reward);
+        model.reward(&mut self.scratch, &self.z, &mut self.reward);
         let weight = stage.discount * stage.reward_weight;
         for (sum, reward) in self.returns.iter_mut().zip(self.reward.data()) {
             *sum += weight * reward;
@@ -130,18 +124,12 @@ impl Imagination {
     /// Adds what the critic expects after the horizon, of the last action the people chose: `γ^T · w · Q(z^R_T, ǎ_T)`.
     pub fn finish(
         &mut self,
-        model: &SelfModel,
+        model: &M,
         stage: Stage,
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
         people.answer(self.group, &mut self.actions)?;
-        self.decoder.value(
-            model,
-            &self.z,
-            &self.actions,
-            &mut self.reward,
-            &mut self.spare,
-        );
+        model.value(&mut self.scratch, &self.z, &self.actions, &mut self.reward);
         let weight = stage.discount * stage.reward_weight;
         for (sum, value) in self.returns.iter_mut().zip(self.reward.data()) {
             *sum += weight * value;

@@ -35,7 +35,7 @@ pub trait ImaginedPeople {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError>;
 
     /// Shows `group` what it would observe and be told.
@@ -69,7 +69,7 @@ impl ImaginedPeople for LocalPeople<'_> {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         let actions = self
             .groups

@@ -3,9 +3,10 @@
 
 use crate::cross_entropy::Population;
 use crate::imagination::{Imagination, Stage};
+use crate::items::{Items, Sectors};
 use crate::people::{ImaginedPeople, PeopleError};
 use models::observation::{SECTORS, azimuths_shown};
-use models::{Communicated, SelfModel};
+use models::{Communicated, SelfModel, WorldModel};
 use nn::Tensor;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -72,7 +73,7 @@ impl Default for Settings {
     }
 }
 
-/// Bits of one decision: visual sectors, then verbal sectors.
+/// Bits of one decision on the highway: visual sectors, then verbal sectors.
 pub const BITS: usize = 2 * SECTORS;
 /// Imagined people are asked in this many groups, so that robot and human side work at the same time.
 pub const GROUPS: usize = 2;
@@ -136,7 +137,20 @@ impl Settings {
     }
 }
 
-/// What was decided for the next step, and why.
+/// What was decided for the next step in any domain; [`Planner::probability`] says how clearly.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// Items to show and to say.
+    pub communicated: Communicated,
+    /// Mean value of the last iteration's elites.
+    pub value: f32,
+    /// Mean value of the silent futures of the last iteration.
+    pub value_silent: f32,
+    /// C(ω) of `communicated`.
+    pub cost: f32,
+}
+
+/// What was decided for the next step on the highway, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Decision {
     /// Sectors to highlight and to speak about.
@@ -151,15 +165,15 @@ pub struct Decision {
     pub cost: f32,
 }
 
-/// Where a plan starts.
+/// Where a plan starts; `A` is how a known action is given.
 #[derive(Clone, Copy)]
-pub struct From<'a> {
+pub struct From<'a, A = [f32; 2]> {
     /// Mean of z^R_k, `latent × 1`.
     pub mean: &'a Tensor,
     /// Deviation of z^R_k.
     pub deviation: &'a Tensor,
     /// What the person does at step k, where that is known.
-    pub known_action: Option<[f32; 2]>,
+    pub known_action: Option<A>,
     /// Control steps until the next utterance may start, seen from step k + 1.
     pub speech_ready_steps: usize,
     /// Seed of the run.
@@ -170,12 +184,13 @@ pub struct From<'a> {
     pub step: u32,
 }
 
-/// The cross-entropy planner (`--planner ce`).
-pub struct Planner {
+/// The cross-entropy planner (`--planner ce`) over any world model and its items.
+pub struct Planner<M: WorldModel = SelfModel, I: Items = Sectors> {
     /// Settings.
     pub settings: Settings,
+    items: I,
     population: Population,
-    groups: Vec<Imagination>,
+    groups: Vec<Imagination<M>>,
     communicated: Vec<Communicated>,
     values: Vec<f32>,
     previous: Vec<f32>,
@@ -183,12 +198,41 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner for this self-model. Settings must have no [`Settings::problem`].
+    /// A planner for the highway's self-model. Settings must have no [`Settings::problem`].
     pub fn new(settings: Settings, model: &SelfModel) -> Self {
+        Self::with_items(settings, model, Sectors)
+    }
+
+    /// Decides what to communicate at step k + 1. The result depends on the arguments and on the last plan alone.
+    pub fn plan(
+        &mut self,
+        model: &SelfModel,
+        from: From,
+        people: &mut dyn ImaginedPeople,
+    ) -> Result<Decision, PeopleError> {
+        let plan = self.search(model, &from, people)?;
+        let mut probability = [0.0; BITS];
+        for (b, probability) in probability.iter_mut().enumerate() {
+            *probability = self.probability(b);
+        }
+        Ok(Decision {
+            communicated: plan.communicated,
+            probability,
+            value: plan.value,
+            value_silent: plan.value_silent,
+            cost: plan.cost,
+        })
+    }
+}
+
+impl<M: WorldModel, I: Items> Planner<M, I> {
+    /// A planner for this world model and these items. Settings must have no [`Settings::problem`].
+    pub fn with_items(settings: Settings, model: &M, items: I) -> Self {
         let rows = settings.samples / GROUPS;
-        let bits = settings.horizon * BITS;
+        let bits = settings.horizon * items.count();
         Self {
             settings,
+            items,
             population: Population::new(settings.samples, bits),
             groups: (0..GROUPS)
                 .map(|group| Imagination::new(model, group, rows))
@@ -201,13 +245,13 @@ impl Planner {
     }
 
     /// Decides what to communicate at step k + 1. The result depends on the arguments and on the last plan alone.
-    pub fn plan(
+    pub fn search<A: AsRef<[f32]>>(
         &mut self,
-        model: &SelfModel,
-        from: From,
+        model: &M,
+        from: &From<A>,
         people: &mut dyn ImaginedPeople,
-    ) -> Result<Decision, PeopleError> {
-        self.warm_start(from);
+    ) -> Result<Plan, PeopleError> {
+        self.warm_start(self.planned == Some((from.episode, from.step.wrapping_sub(1))));
         self.forbid(from.speech_ready_steps);
         let mut value = 0.0;
         for iteration in 0..self.settings.iterations {
@@ -231,7 +275,7 @@ impl Planner {
     }
 
     /// p ← w · (last plan, one control step on) + (1 − w) · first probability.
-    fn warm_start(&mut self, from: From) {
+    fn warm_start(&mut self, follows: bool) {
         let Settings {
             horizon,
             hold,
@@ -239,16 +283,16 @@ impl Planner {
             warm_start,
             ..
         } = self.settings;
-        let follows = self.planned == Some((from.episode, from.step.wrapping_sub(1)));
+        let bits = self.items.count();
         for d in 0..horizon {
-            for b in 0..BITS {
-                let i = d * BITS + b;
+            for b in 0..bits {
+                let i = d * bits + b;
                 self.population.probability[i] = if follows {
                     // A decision holds `hold` control steps: one step on, it covers hold − 1 of its own and one of the next.
                     let own = self.previous[i];
                     let next = self
                         .previous
-                        .get(i + BITS)
+                        .get(i + bits)
                         .copied()
                         .unwrap_or(first_probability);
                     let shifted = own + (next - own) / hold as f32;
@@ -262,21 +306,24 @@ impl Planner {
 
     /// Nothing can be said while an utterance is still running, and nothing shown where the display does not reach.
     fn forbid(&mut self, speech_ready_steps: usize) {
-        for d in 0..self.settings.horizon {
-            let (visual, verbal) =
-                self.population.forbidden[d * BITS..(d + 1) * BITS].split_at_mut(SECTORS);
-            for (sector, forbidden) in visual.iter_mut().enumerate() {
-                *forbidden = azimuths_shown(sector) == 0;
+        let (visual, bits) = (self.items.visual(), self.items.count());
+        let possible = self.items.possible();
+        for (d, forbidden) in self.population.forbidden.chunks_exact_mut(bits).enumerate() {
+            let speaking = d * self.settings.hold < speech_ready_steps;
+            for (b, forbidden) in forbidden.iter_mut().enumerate() {
+                *forbidden = match b.checked_sub(visual) {
+                    None => !possible.visual(b),
+                    Some(utterance) => speaking || !possible.verbal(utterance),
+                };
             }
-            verbal.fill(d * self.settings.hold < speech_ready_steps);
         }
     }
 
     /// Runs every sample's future and leaves its discounted reward in `values`.
-    fn imagine(
+    fn imagine<A: AsRef<[f32]>>(
         &mut self,
-        model: &SelfModel,
-        from: From,
+        model: &M,
+        from: &From<A>,
         seed: u64,
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
@@ -289,9 +336,11 @@ impl Planner {
             ..
         } = self.settings;
         let steps = horizon * hold;
+        let (visual, count) = (self.items.visual(), self.items.count());
         for (g, group) in self.groups.iter_mut().enumerate() {
             let seed = mix(&[seed, g as u64]);
-            group.start(from.mean, from.deviation, seed, from.known_action, people)?;
+            let known_action = from.known_action.as_ref().map(AsRef::as_ref);
+            group.start(from.mean, from.deviation, seed, known_action, people)?;
         }
         for t in 1..=steps {
             let decision = (t - 1) / hold;
@@ -300,8 +349,8 @@ impl Planner {
                 let rows = group.rows();
                 for (j, bits) in self.communicated.iter_mut().enumerate() {
                     let sample = &self.population.sample(g * rows + j)
-                        [decision * BITS..(decision + 1) * BITS];
-                    *bits = communicated(sample, speaks);
+                        [decision * count..(decision + 1) * count];
+                    *bits = communicated(sample, visual, speaks);
                 }
                 let stage = Stage {
                     discount: discount.powi(t as i32 - 1),
@@ -335,59 +384,63 @@ impl Planner {
             discount,
             ..
         } = self.settings;
+        let (visual, count) = (self.items.visual(), self.items.count());
         for (i, value) in self.values.iter_mut().enumerate() {
             let bits = self.population.sample(i);
             for d in 0..horizon {
-                let cost = self
-                    .settings
-                    .cost(communicated(&bits[d * BITS..(d + 1) * BITS], true));
+                let decision = &bits[d * count..(d + 1) * count];
+                let told = communicated(decision, visual, true);
+                let cost = self.items.cost(&self.settings, told);
                 *value -= discount.powi((d * hold) as i32) * cost;
             }
         }
     }
 
-    fn decide(&self, value: f32) -> Decision {
+    /// Probability of a bit of the last plan's first decision: visual items, then verbal ones.
+    pub fn probability(&self, bit: usize) -> f32 {
+        if self.population.forbidden[bit] {
+            0.0
+        } else {
+            self.population.probability[bit]
+        }
+    }
+
+    fn decide(&self, value: f32) -> Plan {
         let Settings {
             visual_threshold,
             verbal_threshold,
             silent,
             ..
         } = self.settings;
-        let mut probability = [0.0; BITS];
         let (mut visual, mut verbal) = (0, 0);
-        for b in 0..BITS {
-            let p = if self.population.forbidden[b] {
-                0.0
-            } else {
-                self.population.probability[b]
-            };
-            probability[b] = p;
-            if b < SECTORS && p > visual_threshold {
+        let shown = self.items.visual();
+        for b in 0..self.items.count() {
+            let p = self.probability(b);
+            if b < shown && p > visual_threshold {
                 visual |= 1 << b;
-            } else if b >= SECTORS && p > verbal_threshold {
-                verbal |= 1 << (b - SECTORS);
+            } else if b >= shown && p > verbal_threshold {
+                verbal |= 1 << (b - shown);
             }
         }
         let communicated = Communicated::new(visual, verbal);
-        Decision {
+        Plan {
             communicated,
-            probability,
             value,
             value_silent: self.values[..silent].iter().sum::<f32>() / silent.max(1) as f32,
-            cost: self.settings.cost(communicated),
+            cost: self.items.cost(&self.settings, communicated),
         }
     }
 }
 
-/// The bits of one decision as sectors.
-fn communicated(bits: &[bool], speaks: bool) -> Communicated {
+/// The bits of one decision, visual items first, as what is communicated.
+fn communicated(bits: &[bool], visual: usize, speaks: bool) -> Communicated {
     let pack = |bits: &[bool]| {
         bits.iter()
             .enumerate()
             .fold(0, |packed, (i, &bit)| packed | u32::from(bit) << i)
     };
-    let verbal = if speaks { pack(&bits[SECTORS..]) } else { 0 };
-    Communicated::new(pack(&bits[..SECTORS]), verbal)
+    let verbal = if speaks { pack(&bits[visual..]) } else { 0 };
+    Communicated::new(pack(&bits[..visual]), verbal)
 }
 
 /// One seed out of several numbers (splitmix64), so that every step's noise is its own.

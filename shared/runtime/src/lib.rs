@@ -46,6 +46,6 @@ pub use observer::{Observer, ObserverWake};
 pub use output::{Loan, Output, Stamp};
 pub use report::state;
 pub use role::{NEVER, Position};
-pub use service::{DEFAULT_BUFFER, RECORDER_BUFFER};
+pub use service::{DEFAULT_BUFFER, HISTORY, RECORDER_BUFFER};
 pub use signal::name_thread;
 pub use timing::StageTimer;

@@ -4,8 +4,8 @@ mod support;
 
 use messages::{DriverAction, ImagineRequest, LidarFrame, Outcome, Report, topic};
 use runtime::{
-    Input, InputOptions, InstanceError, InstanceLock, Launcher, LauncherWake, Node, PortError,
-    Receive, RunArguments, Stamp, Wake, instance, now_ns, text_of,
+    HISTORY, Input, InputOptions, InstanceError, InstanceLock, Launcher, LauncherWake, Node,
+    PortError, Receive, RunArguments, Stamp, Wake, instance, now_ns, text_of,
 };
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
@@ -373,29 +373,33 @@ fn two_groups_of_questions_are_on_their_way_at_once() {
 }
 
 #[test]
-fn a_latecomer_gets_the_last_message() {
+fn a_latecomer_gets_the_last_messages() {
     let scratch = Scratch::new();
     let launcher = launcher(&scratch, "late");
     let node = node(&launcher, "late");
     let output = node.output::<LidarFrame>(topic::LIDAR).expect("opens");
-    for step in 0..3 {
+    let last = 2 * HISTORY as u32;
+    for step in 0..last {
         output
             .send_with(Stamp::sensed(0, step), |_| {})
             .expect("sends");
     }
     let mut late = node
-        .input::<LidarFrame>(topic::LIDAR, Receive::Newest)
+        .input::<LidarFrame>(topic::LIDAR, Receive::InOrder)
         .expect("opens");
     assert!(
         !late.take().expect("receives"),
         "history comes when the sender looks up"
     );
     output
-        .send_with(Stamp::sensed(0, 3), |_| {})
+        .send_with(Stamp::sensed(0, last), |_| {})
         .expect("sends");
-    assert!(late.take().expect("receives"));
-    assert_eq!(late.header().map(|header| header.step), Some(3));
-    assert_eq!((late.received(), late.lost()), (2, 0));
+    for step in last - HISTORY as u32..=last {
+        assert!(late.take().expect("receives"));
+        assert_eq!(late.header().map(|header| header.step), Some(step));
+    }
+    assert!(!late.take().expect("receives"));
+    assert_eq!((late.received(), late.lost()), (HISTORY as u64 + 1, 0));
 }
 
 #[test]

@@ -4,6 +4,7 @@ pub mod batches;
 pub mod checkpoint;
 pub mod cloning;
 pub mod demonstrations;
+pub mod discrete;
 pub mod implants;
 pub mod irl;
 pub mod lessons;

@@ -143,16 +143,24 @@ impl Tape<'_> {
                 Op::Gru { cell, x, h, .. } => {
                     need(x) || need(h) || cell.ids().into_iter().any(wanted)
                 }
-                Op::Concat { from, count } => arena.lists[from..from + count]
+                Op::Concat { from, count } | Op::Join { from, count } => arena.lists
+                    [from..from + count]
                     .iter()
                     .any(|&part| need(Var(part))),
-                Op::Rows { x, .. } | Op::Select { x, .. } => need(x),
+                Op::Rows { x, .. }
+                | Op::Select { x, .. }
+                | Op::Unfold { x, .. }
+                | Op::GatherRows { x, .. }
+                | Op::Columns { x, .. }
+                | Op::Fold { x, .. } => need(x),
+                Op::Product { x, weight } => need(x) || wanted(weight),
                 Op::Broadcast(x)
                 | Op::Spread(x)
                 | Op::Unary(_, x)
                 | Op::LogSoftmax(x)
                 | Op::SumRows(x)
-                | Op::SumAll(x, _) => need(x),
+                | Op::SumAll(x, _)
+                | Op::Reshape(x) => need(x),
                 Op::Binary(_, a, b) => need(a) || need(b),
                 Op::Sample {
                     mean,
@@ -208,7 +216,7 @@ impl Step<'_> {
                     Activation::Tanh => kernels::tanh_back(g, y),
                     Activation::Softplus => kernels::softplus_back(g, y, SMALLEST_DEVIATION),
                 }
-                self.linear(sink, g, x, weight, bias, rows, cols);
+                self.linear(sink, g, x, weight, Some(bias), rows, cols);
             }
             Op::Gru { cell, x, h, saved } => {
                 let part = 3 * rows * cols;
@@ -220,8 +228,8 @@ impl Step<'_> {
                 cell.backward(gates, hidden_part, state, g, d_input, d_hidden, dh, cols);
                 let (wx, bx) = (cell.input_weight, cell.input_bias);
                 let (wh, bh) = (cell.hidden_weight, cell.hidden_bias);
-                self.linear(sink, d_input, x, wx, bx, 3 * rows, cols);
-                self.linear(sink, d_hidden, h, wh, bh, 3 * rows, cols);
+                self.linear(sink, d_input, x, wx, Some(bx), 3 * rows, cols);
+                self.linear(sink, d_hidden, h, wh, Some(bh), 3 * rows, cols);
             }
             Op::Concat { from, count } => {
                 let mut start = 0;
@@ -279,6 +287,56 @@ impl Step<'_> {
                     }
                 }
             }
+            Op::Join { from, count } => {
+                let mut start = 0;
+                for &part in &lists[from..from + count] {
+                    let length = self.nodes[part as usize].len();
+                    if let Some((first, dx)) = self.gradient(Var(part)) {
+                        kernels::copy(first, dx, &g[start..start + length]);
+                    }
+                    start += length;
+                }
+            }
+            Op::GatherRows { x, from } => {
+                let height = self.nodes[x.index()].rows;
+                if rows > 0
+                    && let Some((first, dx)) = self.gradient(x)
+                {
+                    if first {
+                        dx.fill(0.0);
+                    }
+                    for (dx, g) in dx.chunks_exact_mut(height).zip(g.chunks_exact(rows)) {
+                        for (g, source) in g.iter().zip(&lists[from..from + rows]) {
+                            dx[*source as usize] += g;
+                        }
+                    }
+                }
+            }
+            Op::Columns { x, from } => {
+                if let Some((first, dx)) = self.gradient(x) {
+                    if first {
+                        dx.fill(0.0);
+                    }
+                    let at = from * rows;
+                    kernels::copy(false, &mut dx[at..at + g.len()], g);
+                }
+            }
+            Op::Reshape(x) => {
+                if let Some((first, dx)) = self.gradient(x) {
+                    kernels::copy(first, dx, g);
+                }
+            }
+            Op::Unfold { x, windows } => {
+                if let Some((first, dx)) = self.gradient(x) {
+                    windows.fold(first, dx, g);
+                }
+            }
+            Op::Fold { x, windows } => {
+                if let Some((first, dx)) = self.gradient(x) {
+                    windows.unfold(first, dx, g);
+                }
+            }
+            Op::Product { x, weight } => self.linear(sink, g, x, weight, None, rows, cols),
             Op::Unary(op, x) => self.unary(op, x, this, g),
             Op::Binary(op, a, b) => self.binary(op, a, b, this, g),
             Op::Sample {
@@ -359,7 +417,7 @@ impl Step<'_> {
         }
     }
 
-    /// Gradients of y = W x + b from dy.
+    /// Gradients of y = W x (+ b) from dy.
     #[allow(clippy::too_many_arguments)]
     fn linear(
         &mut self,
@@ -367,12 +425,14 @@ impl Step<'_> {
         g: &[f32],
         x: Var,
         weight: ParamId,
-        bias: ParamId,
+        bias: Option<ParamId>,
         outputs: usize,
         batch: usize,
     ) {
         let inputs = self.nodes[x.index()].rows;
-        if (sink.wanted)(bias) {
+        if let Some(bias) = bias
+            && (sink.wanted)(bias)
+        {
             kernels::row_sums(false, sink.gradients.get_mut(bias).data_mut(), g);
         }
         if (sink.wanted)(weight) {

@@ -4,11 +4,14 @@
 //! tape that records the same operations again allocates nothing.
 
 mod backward;
+mod categorical;
 mod elementwise;
 mod gaussian;
+mod image;
 mod network;
 mod shape;
 
+use crate::image::Windows;
 use crate::tensor::{Buffer, LANES};
 use crate::{Activation, Gru, ParamId, Parameters};
 
@@ -113,6 +116,35 @@ enum Op {
     },
     SumRows(Var),
     SumAll(Var, f32),
+    /// The same numbers in another shape, in the same place.
+    Reshape(Var),
+    Unfold {
+        x: Var,
+        windows: Windows,
+    },
+    Fold {
+        x: Var,
+        windows: Windows,
+    },
+    /// Columns side by side; range of `Arena::lists`.
+    Join {
+        from: usize,
+        count: usize,
+    },
+    Columns {
+        x: Var,
+        from: usize,
+    },
+    /// `from`: place of each row's source in `Arena::lists`.
+    GatherRows {
+        x: Var,
+        from: usize,
+    },
+    /// W x
+    Product {
+        x: Var,
+        weight: ParamId,
+    },
 }
 
 /// Where a node's value lies.

@@ -101,6 +101,74 @@ impl Tape<'_> {
         })
     }
 
+    /// Rows in the order of `sources`, which may name a row several times or never.
+    ///
+    /// # Panics
+    /// If a source is no row of v.
+    pub fn gather_rows(&mut self, v: Var, sources: &[u32]) -> Var {
+        let (height, cols) = self.shape(v);
+        let rows = sources.len();
+        let from = self.arena.lists.len();
+        self.arena.lists.extend_from_slice(sources);
+        self.record(Op::GatherRows { x: v, from }, rows, cols, |before, out| {
+            if rows == 0 {
+                return;
+            }
+            let x = before.value(v);
+            for (out, x) in out.chunks_exact_mut(rows).zip(x.chunks_exact(height)) {
+                for (out, source) in out.iter_mut().zip(&before.lists[from..from + rows]) {
+                    *out = x[*source as usize];
+                }
+            }
+        })
+    }
+
+    /// [a, b, …]: columns side by side.
+    ///
+    /// # Panics
+    /// If the parts' rows differ.
+    pub fn join(&mut self, parts: &[Var]) -> Var {
+        let rows = self.shape(parts[0]).0;
+        let mut cols = 0;
+        for &part in parts {
+            assert_eq!(self.shape(part).0, rows, "rows of joined parts");
+            cols += self.shape(part).1;
+        }
+        let from = self.arena.lists.len();
+        self.arena.lists.extend(parts.iter().map(|part| part.0));
+        let op = Op::Join {
+            from,
+            count: parts.len(),
+        };
+        self.record(op, rows, cols, |before, out| {
+            let mut start = 0;
+            for &part in parts {
+                let x = before.value(part);
+                out[start..start + x.len()].copy_from_slice(x);
+                start += x.len();
+            }
+        })
+    }
+
+    /// Some of the columns.
+    ///
+    /// # Panics
+    /// If the range leaves the variable.
+    pub fn columns(&mut self, v: Var, range: Range<usize>) -> Var {
+        let (rows, width) = self.shape(v);
+        assert!(
+            range.start <= range.end && range.end <= width,
+            "columns out of range"
+        );
+        let op = Op::Columns {
+            x: v,
+            from: range.start,
+        };
+        self.record(op, rows, range.len(), |before, out| {
+            out.copy_from_slice(&before.value(v)[range.start * rows..range.end * rows]);
+        })
+    }
+
     /// r × 1 repeated to r × cols.
     pub fn broadcast(&mut self, v: Var, cols: usize) -> Var {
         let (rows, one) = self.shape(v);

@@ -183,7 +183,7 @@ impl ImaginedPeople for Answers {
         group: usize,
         rows: usize,
         seed: u64,
-        known_action: Option<[f32; 2]>,
+        known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.starts.push(Started { group, seed });
         self.warned[group] = vec![false; rows];

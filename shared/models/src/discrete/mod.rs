@@ -1,0 +1,23 @@
+//! The self-model and the human models of the gridworlds: discrete actions, states or images, a Q-network instead of an actor.
+//!
+//! What the numbers mean is the domain's [`domains::discrete::Layout`]; [`Sizes`] holds the paper's network sizes for each
+//! domain; [`DiscreteModel`] is the self-model, [`Implants`] turn it into a model of a person ([`DiscreteHuman`]), and
+//! [`RecurrentPolicy`] is what behavioural cloning and soft-Q imitation learn instead.
+
+mod checkpoint;
+mod filter;
+mod human;
+mod implants;
+mod perception;
+mod self_model;
+mod sizes;
+mod view;
+
+pub use checkpoint::{DOMAIN, digest, metadata, model_from};
+pub use filter::{DiscreteFilter, DiscreteScratch};
+pub use human::DiscreteHuman;
+pub use implants::{Attached, Implants, RESIDUAL_HIDDEN, policy_on_tape, seen_on_tape};
+pub use perception::Perceiver;
+pub use self_model::{Batch, DiscreteModel, ElboTerms};
+pub use sizes::{ImageSizes, Sizes};
+pub use view::View;

@@ -1,0 +1,368 @@
+//! The gridworlds' self-model: the multi-modal latent state-space model of the paper's §III-A with a Q-network for a policy.
+//!
+//! ```text
+//! p(x, r, z, a) = Π_t [Π_m p_θ(x^m_t | z_t)] p_θ(r_t | z_t) p_θ(z_t | z_{t−1}, a_{t−1})      q_φ(z_t | z_{t−1}, a_{t−1}, x_t)
+//! π(a | z) = softmax(Q_ψ(z, ·) / temperature)
+//! ```
+//!
+//! Every quantity of a batch of sequences lies in one tensor, step after step: what need not wait for z (reading images,
+//! decoding, priors, divergences) is computed for all steps at once.
+
+use super::sizes::{ImageSizes, Sizes};
+use super::view::View;
+use crate::self_model::SelfModel;
+use domains::discrete::Layout;
+use nn::{Activation, Conv, Deconv, Dense, Mlp, Parameters, Tape, Tensor, Var};
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+/// Networks that read an image and words (paper, appendix, "Search and Rescue").
+#[derive(Clone, Debug)]
+pub(super) struct Reader {
+    /// Over the masked image.
+    pub conv: Conv,
+    /// `[feature map; other visual numbers; mask] → features`.
+    pub look: Mlp,
+    /// `[words; mask] → features`.
+    pub listen: Dense,
+}
+
+/// The networks f_θ, g_φ, d^m_θ, r_θ and Q_ψ with their parameters.
+#[derive(Clone, Debug)]
+pub struct DiscreteModel {
+    /// Sizes.
+    pub sizes: Sizes,
+    /// What the numbers mean.
+    pub layout: Arc<Layout>,
+    /// How masked observations look.
+    pub view: View,
+    /// Every parameter of the networks below.
+    pub parameters: Parameters,
+    /// f_θ: `[z; a] → [mean; deviation before softplus]`.
+    pub transition: Mlp,
+    /// g_φ of the first step: `features → [mean; deviation]`.
+    pub first: Mlp,
+    /// g_φ of the other steps: `[z; a; features] → [mean; deviation]`.
+    pub encoder: Mlp,
+    /// d^visual_θ: `z → [feature map; other visual numbers]`, or `z → x̂^visual` without an image.
+    pub visual: Mlp,
+    /// d^verbal_θ: `z → x̂^verbal`.
+    pub verbal: Mlp,
+    /// r_θ: `z → r̂`.
+    pub reward: Mlp,
+    /// Q_ψ: `z →` the value of each action.
+    pub q: Mlp,
+    pub(super) reader: Option<Reader>,
+    /// Draws the image from its feature map.
+    pub(super) draw: Option<Deconv>,
+}
+
+impl DiscreteModel {
+    /// Untrained networks.
+    pub fn new(sizes: Sizes, layout: Arc<Layout>, rng: &mut ChaCha8Rng) -> Self {
+        let Sizes { shape, latent, .. } = sizes;
+        let view = View::new(&layout);
+        let mut p = Parameters::default();
+        let mut net = |p: &mut Parameters, name: &str, sizes: [usize; 4]| {
+            Mlp::new(p, name, &sizes, Activation::Identity, rng)
+        };
+        let t = sizes.transition_hidden;
+        let transition = net(
+            &mut p,
+            "transition",
+            [latent + shape.action, t, t, 2 * latent],
+        );
+        let features = sizes.image.map_or(view.rows(), |image| 2 * image.features);
+        let e = sizes.encoder_hidden;
+        let first = net(&mut p, "first", [features, e, e, 2 * latent]);
+        let encoder = net(
+            &mut p,
+            "encoder",
+            [latent + shape.action + features, e, e, 2 * latent],
+        );
+        let d = sizes.decoder_hidden;
+        let others = shape.visual - sizes.image_numbers();
+        let map = sizes
+            .image
+            .map_or(0, |image| image.channels * image.windows().positions());
+        let visual = net(&mut p, "visual", [latent, d, d, map + others]);
+        let verbal = net(&mut p, "verbal", [latent, d, d, shape.verbal]);
+        let reward = net(&mut p, "reward", [latent, d, d, 1]);
+        let q = sizes.q_hidden;
+        let q = net(&mut p, "q", [latent, q, q, shape.action]);
+        let mut draw = None;
+        let reader = sizes.image.map(|image| {
+            let ImageSizes {
+                channels,
+                hidden,
+                features,
+                ..
+            } = image;
+            let windows = image.windows();
+            let conv = Conv::new(
+                &mut p,
+                "conv",
+                windows,
+                channels,
+                Activation::Elu,
+                &mut *rng,
+            );
+            let look = Mlp::new(
+                &mut p,
+                "look",
+                &[
+                    conv.output() + others + shape.visual_mask,
+                    hidden,
+                    hidden,
+                    features,
+                ],
+                Activation::Elu,
+                rng,
+            );
+            let listen = Dense::new(
+                &mut p,
+                "listen",
+                shape.verbal + shape.verbal_mask,
+                features,
+                Activation::Elu,
+                rng,
+            );
+            draw = Some(Deconv::new(&mut p, "draw", windows, channels, rng));
+            Reader { conv, look, listen }
+        });
+        Self {
+            sizes,
+            layout,
+            view,
+            parameters: p,
+            transition,
+            first,
+            encoder,
+            visual,
+            verbal,
+            reward,
+            q,
+            reader,
+            draw,
+        }
+    }
+
+    /// What the posterior reads of encoded observations (`view rows × batch`).
+    pub fn features(&self, tape: &mut Tape, observed: Var) -> Var {
+        let Some(Reader { conv, look, listen }) = &self.reader else {
+            return observed;
+        };
+        let image = self.sizes.image_numbers();
+        let shape = self.sizes.shape;
+        let seen = shape.visual + shape.visual_mask;
+        let pixels = tape.rows(observed, 0..image);
+        let others = tape.rows(observed, image..seen);
+        let words = tape.rows(observed, seen..self.view.rows());
+        let map = tape.conv(conv, pixels);
+        let both = tape.concat(&[map, others]);
+        let looked = tape.mlp(look, both);
+        let listened = tape.dense(listen, words);
+        tape.concat(&[looked, listened])
+    }
+
+    /// q_φ(z_t | z_{t−1}, a_{t−1}, x_t): mean and deviation; `previous` is none at the first step.
+    pub fn posterior(
+        &self,
+        tape: &mut Tape,
+        previous: Option<(Var, Var)>,
+        features: Var,
+    ) -> (Var, Var) {
+        let output = match previous {
+            None => tape.mlp(&self.first, features),
+            Some((z, action)) => {
+                let input = tape.concat(&[z, action, features]);
+                tape.mlp(&self.encoder, input)
+            }
+        };
+        SelfModel::gaussian(tape, output, self.sizes.latent)
+    }
+
+    /// x̂^visual of `z`.
+    pub fn decode_visual(&self, tape: &mut Tape, z: Var) -> Var {
+        let output = tape.mlp(&self.visual, z);
+        let Some(draw) = &self.draw else {
+            return output;
+        };
+        let rows = tape.shape(output).0;
+        let map = tape.rows(output, 0..draw.input());
+        let others = tape.rows(output, draw.input()..rows);
+        let map = tape.elu(map);
+        let image = tape.deconv(draw, map);
+        tape.concat(&[image, others])
+    }
+
+    /// The evidence lower bound, negated, per step that counts (paper, equation 3):
+    ///
+    /// ```text
+    /// L_e = Σ_t ( E_q[Σ_m log p_θ(x^m_t | z_t)] + E_q[log p_θ(r_t | z_t)] − E_q[KL(q_φ(z_t) ‖ p_θ(z_t | z_{t−1}, a_{t−1}))] )
+    /// ```
+    ///
+    /// Observations go in masked and are reconstructed whole; at the first step the prior is N(0, 1). Constants of the fixed
+    /// deviations are left out.
+    pub fn negative_elbo(&self, tape: &mut Tape, batch: &Batch) -> ElboTerms {
+        let Sizes {
+            latent,
+            image_deviation,
+            state_deviation,
+            verbal_deviation,
+            reward_deviation,
+            ..
+        } = self.sizes;
+        let (steps, columns) = (batch.steps, batch.columns);
+        let all = steps * columns;
+        let observed = tape.input(&batch.observed);
+        let features = self.features(tape, observed);
+        let action = tape.input(&batch.action);
+        let noise = tape.input(&batch.noise);
+        let weight = tape.input(&batch.weight);
+        let (mut means, mut deviations, mut samples) = (
+            Vec::with_capacity(steps),
+            Vec::with_capacity(steps),
+            Vec::with_capacity(steps),
+        );
+        for t in 0..steps {
+            let here = t * columns..(t + 1) * columns;
+            let seen = tape.columns(features, here.clone());
+            let previous = samples.last().map(|&z| {
+                let action = tape.columns(action, here.clone());
+                (z, action)
+            });
+            let (mean, deviation) = self.posterior(tape, previous, seen);
+            let noise = tape.columns(noise, here);
+            samples.push(tape.gaussian_sample(mean, deviation, noise));
+            means.push(mean);
+            deviations.push(deviation);
+        }
+        let (mean, deviation) = (tape.join(&means), tape.join(&deviations));
+        let z = tape.join(&samples);
+        let (prior_mean, prior_deviation) = {
+            let first_mean = tape.constant(latent, columns, 0.0);
+            let first_deviation = tape.constant(latent, columns, 1.0);
+            if steps == 1 {
+                (first_mean, first_deviation)
+            } else {
+                let before = tape.columns(z, 0..all - columns);
+                let action = tape.columns(action, columns..all);
+                let input = tape.concat(&[before, action]);
+                let output = tape.mlp(&self.transition, input);
+                let (mean, deviation) = SelfModel::gaussian(tape, output, latent);
+                (
+                    tape.join(&[first_mean, mean]),
+                    tape.join(&[first_deviation, deviation]),
+                )
+            }
+        };
+        let counted: f32 = batch.weight.data().iter().sum();
+        let average = |tape: &mut Tape, terms: Var| {
+            let weighted = tape.mul(terms, weight);
+            let sum = tape.sum(weighted);
+            tape.scale(sum, 1.0 / counted.max(1.0))
+        };
+        let kl = tape.gaussian_kl(mean, deviation, prior_mean, prior_deviation);
+        let divergence = average(tape, kl);
+        let visual = self.decode_visual(tape, z);
+        let target = tape.input(&batch.visual);
+        let (image, numbers) = (self.sizes.image_numbers(), self.sizes.shape.visual);
+        let others = {
+            let (decoded, target) = (
+                tape.rows(visual, image..numbers),
+                tape.rows(target, image..numbers),
+            );
+            squared_error(tape, decoded, target, state_deviation)
+        };
+        let visual = if image > 0 {
+            let (decoded, target) = (tape.rows(visual, 0..image), tape.rows(target, 0..image));
+            let image = squared_error(tape, decoded, target, image_deviation);
+            tape.add(image, others)
+        } else {
+            others
+        };
+        let verbal = tape.mlp(&self.verbal, z);
+        let target = tape.input(&batch.verbal);
+        let verbal = squared_error(tape, verbal, target, verbal_deviation);
+        let both = tape.add(visual, verbal);
+        let reconstruction = average(tape, both);
+        let reward = tape.mlp(&self.reward, z);
+        let target = tape.input(&batch.reward);
+        let reward = squared_error(tape, reward, target, reward_deviation);
+        let reward = average(tape, reward);
+        let loss = tape.add(reconstruction, reward);
+        let loss = tape.add(loss, divergence);
+        ElboTerms {
+            loss,
+            reconstruction,
+            reward,
+            divergence,
+            z,
+        }
+    }
+}
+
+/// −log N(target | decoded, σ²) without its constant, summed over features: `1 × batch`.
+fn squared_error(tape: &mut Tape, decoded: Var, target: Var, deviation: f32) -> Var {
+    let difference = tape.sub(decoded, target);
+    let squared = tape.square(difference);
+    let summed = tape.sum_rows(squared);
+    tape.scale(summed, 0.5 / (deviation * deviation))
+}
+
+/// A batch of sequences; every tensor is `features × (steps · columns)`, step after step.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// Steps of a sequence.
+    pub steps: usize,
+    /// Sequences.
+    pub columns: usize,
+    /// What q_φ sees, as [`View`] writes it.
+    pub observed: Tensor,
+    /// The whole visual modality.
+    pub visual: Tensor,
+    /// The whole verbal modality.
+    pub verbal: Tensor,
+    /// a_{t−1} as a column with a one; zeros at the first step.
+    pub action: Tensor,
+    /// r_t.
+    pub reward: Tensor,
+    /// ε of z_t = μ + σ ε.
+    pub noise: Tensor,
+    /// 1 where the step counts, 0 beyond an episode's end.
+    pub weight: Tensor,
+}
+
+impl Batch {
+    /// Zeros.
+    pub fn new(model: &DiscreteModel, steps: usize, columns: usize) -> Self {
+        let (shape, all) = (model.sizes.shape, steps * columns);
+        Self {
+            steps,
+            columns,
+            observed: Tensor::new(model.view.rows(), all),
+            visual: Tensor::new(shape.visual, all),
+            verbal: Tensor::new(shape.verbal, all),
+            action: Tensor::new(shape.action, all),
+            reward: Tensor::new(1, all),
+            noise: Tensor::new(model.sizes.latent, all),
+            weight: Tensor::new(1, all),
+        }
+    }
+}
+
+/// The ELBO's terms as variables of the tape that computed them.
+#[derive(Clone, Copy, Debug)]
+pub struct ElboTerms {
+    /// −L_e per step.
+    pub loss: Var,
+    /// −Σ_m log p(x^m | z).
+    pub reconstruction: Var,
+    /// −log p(r | z).
+    pub reward: Var,
+    /// KL(q ‖ p).
+    pub divergence: Var,
+    /// Samples of z_t, `latent × (steps · columns)`.
+    pub z: Var,
+}

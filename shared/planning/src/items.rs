@@ -1,0 +1,48 @@
+//! What can be communicated at one moment, and what that costs: the planner's view of a domain's communication channels.
+
+use crate::planner::Settings;
+use models::Communicated;
+use models::observation::{SECTORS, azimuths_shown};
+
+/// The items of a domain: `visual()` things that can be shown, `verbal()` that can be said.
+pub trait Items {
+    /// Visual items.
+    fn visual(&self) -> usize;
+
+    /// Verbal items.
+    fn verbal(&self) -> usize;
+
+    /// What the channels can carry at all: a display does not reach everywhere.
+    fn possible(&self) -> Communicated;
+
+    /// C(ω) of one decision.
+    fn cost(&self, settings: &Settings, communicated: Communicated) -> f32;
+
+    /// Items in all.
+    fn count(&self) -> usize {
+        self.visual() + self.verbal()
+    }
+}
+
+/// The highway's: six sectors to highlight, as far as the head-up display reaches, and six to speak about.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sectors;
+
+impl Items for Sectors {
+    fn visual(&self) -> usize {
+        SECTORS
+    }
+
+    fn verbal(&self) -> usize {
+        SECTORS
+    }
+
+    fn possible(&self) -> Communicated {
+        let shown = (0..SECTORS).filter(|&sector| azimuths_shown(sector) > 0);
+        Communicated::new(shown.fold(0, |bits, sector| bits | 1 << sector), 0x3f)
+    }
+
+    fn cost(&self, settings: &Settings, communicated: Communicated) -> f32 {
+        settings.cost(communicated)
+    }
+}
