@@ -230,22 +230,25 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
 fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
     let bench = Bench::new();
     let (name, file) = (instance("recorder-killed"), bench.path("drive.mcap"));
+    let json = bench.path("summary.json");
     let mut command = bench.up(&name);
     command
         .args(["--episodes", "1000000", "--record"])
         .arg(&file);
-    let mut live = Live::start(&mut command, &name);
+    let mut live = Live::start(command.arg("--summary").arg(&json), &name);
     while std::fs::metadata(&file).is_ok_and(|found| found.len() < 200_000) {
         live.wait_for_line("START");
     }
     live.signal("recorder", libc::SIGKILL);
-    live.wait_for_line("START");
-    live.wait_for_line("START");
+    let second = bench.path("drive.part2.mcap");
+    while std::fs::metadata(&second).map_or(0, |found| found.len()) < 200_000 {
+        live.wait_for_line("START");
+    }
     live.signal("launcher", libc::SIGINT);
     assert_eq!(live.wait().code(), Some(1));
     live.assert_all_ended();
     assert_nothing_left(&name);
-    let (sequences, found) = frames(&file);
+    let (mut sequences, found) = frames(&file);
     assert!(
         matches!(found.ending, Ending::Cut { .. }),
         "{:?}",
@@ -254,6 +257,21 @@ fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
     assert!(found.setup.is_some());
     assert_eq!(sequences, (0..sequences.len() as u64).collect::<Vec<_>>());
     assert!(sequences.len() > 20);
+    let (later, found) = frames(&second);
+    assert_eq!(found.ending, Ending::Closed);
+    sequences.extend(later);
+    let recording = &summary(&json)["recording"];
+    assert_eq!(
+        recording["parts"].as_array().unwrap().len(),
+        2,
+        "{recording}"
+    );
+    let lidar = &recording["topics"]["world/lidar"];
+    let missing = sequences.last().unwrap() + 1 - sequences.len() as u64;
+    assert!(missing > 0);
+    assert_eq!(lidar["written"], sequences.len());
+    assert_eq!(lidar["lost_restart"], missing, "{recording}");
+    assert_eq!(recording["complete"], false);
     // What it left can be replayed.
     let replayed = instance("recorder-killed-replay");
     let output = run(mirror()
@@ -262,10 +280,14 @@ fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
         .args(["--instance", &replayed]));
     assert!(output.status.success(), "{}", told(&output));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(
-        text.contains("CUT SHORT") && text.contains("REPRODUCED bit for bit"),
-        "{text}"
-    );
+    for words in [
+        "CUT SHORT",
+        "drive.part2.mcap",
+        "GAPS",
+        "REPRODUCED bit for bit",
+    ] {
+        assert!(text.contains(words), "no {words:?} in {text}");
+    }
     assert_nothing_left(&replayed);
 }
 

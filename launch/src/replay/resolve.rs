@@ -132,10 +132,9 @@ impl Resolved {
                     .to_owned(),
             );
         }
-        if drive.kinds.len() > 1 {
-            let (episode, step) = drive.kinds[1].0;
+        for (topic, (episode, step)) in &drive.successions {
             differences.push(format!(
-                "another human model took over at episode {episode} step {step}"
+                "another process took over on /{topic} at episode {episode} step {step}: swapped, or started again"
             ));
         }
         Ok(Self {

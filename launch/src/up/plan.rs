@@ -9,8 +9,10 @@ use anyhow::{Context, Result, bail, ensure};
 use models::{Kind, SelfModel};
 use planning::Settings;
 use recorder::recording::About;
+use recorder::setup::Setup;
 use recorder::visual::RoadLine;
 use runtime::{ClockMode, RunArguments};
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -52,6 +54,8 @@ pub struct Plan {
     pub quiet: bool,
     /// Times in a row that a process is started again.
     pub restarts: u32,
+    /// What a recording says about the run's beginning; a recorder that is started again repeats it.
+    setup: OnceCell<Setup>,
 }
 
 impl Plan {
@@ -99,6 +103,7 @@ impl Plan {
             spin_us: arguments.spin,
             quiet: arguments.quiet,
             restarts: arguments.restarts,
+            setup: OnceCell::new(),
             scene,
             driver,
         })
@@ -254,9 +259,13 @@ impl Plan {
     }
 
     fn about(&self, run: &RunArguments) -> Result<About> {
-        let setup = match &self.record {
-            Some(_) => crate::replay::setup(self, run)?,
-            None => recorder::setup::Setup::default(),
+        let setup = match (&self.record, self.setup.get()) {
+            (None, _) => Setup::default(),
+            (_, Some(setup)) => setup.clone(),
+            (_, None) => {
+                let setup = crate::replay::setup(self, run)?;
+                self.setup.get_or_init(|| setup).clone()
+            }
         };
         Ok(About {
             scene: self.scene.name.clone(),

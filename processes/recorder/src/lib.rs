@@ -82,45 +82,59 @@ struct Taken {
     queue: Option<Queue>,
     digest: Digest,
     received: PerTopic,
-    /// Each topic's first message: its sequence number, and whether what was sent before it was counted as lost by then.
-    first: [Option<(u64, bool)>; TOPICS.len()],
+    /// Each topic's first message.
+    first: [Option<Mark>; TOPICS.len()],
     has_complained: bool,
 }
 
-/// What recorders of the same run left.
-#[derive(Default)]
-struct Earlier {
-    parts: Vec<PathBuf>,
-    written: PerTopic,
-    /// Each topic's last sequence number.
-    last: [Option<u64>; TOPICS.len()],
+/// A topic's message: its sequence number, when it was sent, and whether what was sent before it was counted as lost by
+/// the port that received it.
+#[derive(Clone, Copy)]
+struct Mark {
+    sequence: u64,
+    sent_ns: u64,
+    counted: bool,
 }
 
-impl Earlier {
-    fn read(parts: &[PathBuf]) -> Self {
-        let mut earlier = Self {
-            parts: parts.to_vec(),
-            ..Self::default()
-        };
-        for part in parts {
-            // A part without a whole message has nothing to say.
-            let _ = read::read(part, |message| {
-                let topic = message.topic();
-                earlier.written[topic] += 1;
-                earlier.last[topic] = Some(message.header().sequence);
+/// What the files of a run's recorders hold together.
+#[derive(Default)]
+struct Together {
+    written: PerTopic,
+    last: [Option<Mark>; TOPICS.len()],
+    digest: Digest,
+}
+
+impl Together {
+    /// None if one of them cannot be read.
+    fn read(parts: &[PathBuf]) -> Option<Self> {
+        let mut together = Self::default();
+        let read = parts::read_parts(parts, |message| {
+            let topic = message.topic();
+            together.written[topic] += 1;
+            let header = message.header();
+            together.last[topic] = Some(Mark {
+                sequence: header.sequence,
+                sent_ns: header.sent_ns,
+                counted: true,
             });
-        }
-        earlier
+            if TOPICS[topic].is_repeatable() {
+                message.digest(&mut together.digest);
+            }
+        });
+        read.ok().map(|_| together)
     }
 
-    /// Messages between the last of these recorders' and the first of this one's, by topic.
-    fn lost_between(&self, first: &[Option<(u64, bool)>; TOPICS.len()]) -> PerTopic {
+    /// Messages between the last of these and the first that another recorder received, by topic.
+    fn lost_before(&self, first: &[Option<Mark>; TOPICS.len()]) -> PerTopic {
         core::array::from_fn(|topic| match (self.last[topic], first[topic]) {
             // On these, every process counts for itself.
             _ if !TOPICS[topic].is_repeatable() => 0,
-            // A sender that was replaced meanwhile counts from 0 again.
-            (Some(last), Some((first, _))) if first > last => first - last - 1,
-            (_, Some((first, false))) => first,
+            (Some(last), Some(first)) if first.sent_ns <= last.sent_ns => 0,
+            (Some(last), Some(first)) if first.sequence > last.sequence => {
+                first.sequence - last.sequence - 1
+            }
+            // A sender that took another's place counts from 0 again.
+            (_, Some(first)) if !first.counted => first.sequence,
             _ => 0,
         })
     }
@@ -189,32 +203,35 @@ impl Recorder {
             file,
             before,
         } = self;
-        let earlier = Earlier::read(&before);
-        let lost = Lost {
+        let mut lost = Lost {
             ports: inputs.lost(),
-            restart: earlier.lost_between(&taken.first),
             ..Lost::default()
         };
+        let earlier = match before.is_empty() {
+            true => Some(Together::default()),
+            false => Together::read(&before),
+        };
+        if let Some(earlier) = &earlier {
+            lost.restart = earlier.lost_before(&taken.first);
+        }
         let written = taken
             .queue
             .map(|queue| queue.finish(&lost.ports, &lost.restart));
-        let missed = lost.total() > 0;
-        let digest = match (&file, before.is_empty(), missed) {
-            (_, _, true) => None,
-            (_, true, _) => Some(taken.digest),
-            // All was received, but not by this process: the files hold it together.
-            (file, false, _) => digest_of(earlier.parts.iter().chain(file)),
-        };
-        let hex = digest.as_ref().map(Digest::hex).unwrap_or_default();
+        let mut digest = Some(taken.digest);
         let mut result = RecorderResult::new(
-            hex,
             &taken.received,
             &lost,
             file.as_deref().zip(written.as_ref()),
         );
-        if !earlier.parts.is_empty() {
-            result.add_earlier(&earlier.parts, &earlier.written);
+        if !before.is_empty() {
+            let parts: Vec<_> = before.iter().chain(&file).cloned().collect();
+            let together = Together::read(&parts);
+            result.join(&parts, together.as_ref().map(|together| &together.written));
+            // All was received, but not by this process: the files hold it together.
+            digest = together.map(|together| together.digest);
         }
+        let digest = digest.filter(|_| lost.total() == 0);
+        result.digest = digest.as_ref().map(Digest::hex).unwrap_or_default();
         node.set_digest(digest.map_or([0; 32], |digest| digest.finish()));
         if let Some(path) = &options.result {
             result.save(path).context("recorder's result")?;
@@ -242,28 +259,18 @@ fn start_writer(part: &Path, when_full: WhenFull, options: &Options) -> Result<Q
     Queue::start(recording, when_full, blocks).context("starting the writer thread")
 }
 
-/// The digest of what files hold together; none if one cannot be read.
-fn digest_of<'a>(files: impl Iterator<Item = &'a PathBuf>) -> Option<Digest> {
-    let mut digest = Digest::new();
-    for file in files {
-        let taken = read::read(file, |message| {
-            if TOPICS[message.topic()].is_repeatable() {
-                message.digest(&mut digest);
-            }
-        });
-        taken.ok()?;
-    }
-    Some(digest)
-}
-
 impl Taken {
     /// `lost`: messages that the topic's port has lost so far, those before its first message included if it was there
     /// when the run began.
     fn take(&mut self, message: &Recorded, lost: u64) {
         let topic = message.topic();
         self.received[topic] += 1;
-        let sequence = message.header().sequence;
-        self.first[topic].get_or_insert((sequence, lost >= sequence));
+        let header = message.header();
+        self.first[topic].get_or_insert(Mark {
+            sequence: header.sequence,
+            sent_ns: header.sent_ns,
+            counted: lost >= header.sequence,
+        });
         if TOPICS[topic].is_repeatable() {
             message.digest(&mut self.digest);
         }

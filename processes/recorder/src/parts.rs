@@ -4,7 +4,8 @@
 //! A part belongs to a run if the run's identity stands at its head. What a restarted recorder finds of its own run it
 //! leaves as it is and goes on in the next part; what it finds of another run it overwrites, as a first recorder does.
 
-use crate::read::run_of;
+use crate::read::{Found, ReadError, read, run_of};
+use crate::topics::{PerTopic, Recorded, TOPICS};
 use std::path::{Path, PathBuf};
 
 /// The path of a part, counted from 1: the first is the recording's own path.
@@ -26,6 +27,31 @@ pub fn parts_of(path: &Path, run_id: u64) -> Vec<PathBuf> {
         .map(|part| part_path(path, part))
         .take_while(|part| run_of(part) == Some(run_id))
         .collect()
+}
+
+/// Reads parts one after the other, and passes over what an earlier one has already: a recorder that takes over from
+/// another listens beside it for a while. What was found in each part.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_parts(
+    parts: &[PathBuf],
+    mut visit: impl FnMut(&Recorded),
+) -> Result<Vec<Found>, ReadError> {
+    let mut last_sent_ns: PerTopic = [0; TOPICS.len()];
+    let read_next = |part: &PathBuf| {
+        let before = last_sent_ns;
+        read(part, |message| {
+            let (topic, sent_ns) = (message.topic(), message.header().sent_ns);
+            // Several senders share the other topics, each with its own time.
+            if TOPICS[topic].is_repeatable() && sent_ns <= before[topic] {
+                return;
+            }
+            last_sent_ns[topic] = last_sent_ns[topic].max(sent_ns);
+            visit(message);
+        })
+    };
+    parts.iter().map(read_next).collect()
 }
 
 #[cfg(test)]

@@ -52,14 +52,9 @@ pub struct RecorderResult {
 }
 
 impl RecorderResult {
-    /// The result of a run whose messages were counted in `received`; `lost` holds what never reached the recorder;
-    /// `written` is `None` where no file was asked for.
-    pub fn new(
-        digest: String,
-        received: &PerTopic,
-        lost: &Lost,
-        written: Option<(&Path, &Written)>,
-    ) -> Self {
+    /// The result of a run whose messages were counted in `received`, as yet without a digest; `lost` holds what never
+    /// reached the recorder; `written` is `None` where no file was asked for.
+    pub fn new(received: &PerTopic, lost: &Lost, written: Option<(&Path, &Written)>) -> Self {
         let counts = |topic: usize| {
             let (lost, in_file) = match written {
                 Some((_, written)) => (written.lost, written.written[topic]),
@@ -81,7 +76,7 @@ impl RecorderResult {
             .collect();
         let error = written.and_then(|(_, written)| written.error.clone());
         Self {
-            digest,
+            digest: String::new(),
             file: written.map(|(path, _)| path.to_owned()),
             parts: written
                 .map(|(path, _)| path.to_owned())
@@ -93,14 +88,21 @@ impl RecorderResult {
         }
     }
 
-    /// Adds the parts that recorders of the same run wrote before: `written` messages in `parts`.
-    pub fn add_earlier(&mut self, parts: &[PathBuf], written: &PerTopic) {
+    /// Takes in the parts that recorders of the same run wrote before: all of them hold `written` messages together, if
+    /// they could be read.
+    pub fn join(&mut self, parts: &[PathBuf], written: Option<&PerTopic>) {
         self.file = parts.first().cloned();
-        self.parts.splice(..0, parts.iter().cloned());
+        self.parts = parts.to_vec();
+        let Some(written) = written else {
+            self.complete = false;
+            let unreadable = || "an earlier part of the recording cannot be read".to_owned();
+            self.error.get_or_insert_with(unreadable);
+            return;
+        };
         for (topic, written) in TOPICS.iter().zip(written) {
             if let Some(counts) = self.topics.get_mut(topic.name) {
-                counts.received += written;
-                counts.written += written;
+                counts.received = written + counts.lost_queue + counts.lost_disk;
+                counts.written = *written;
             }
         }
     }
@@ -143,7 +145,8 @@ mod tests {
             ports,
             ..Lost::default()
         };
-        let result = RecorderResult::new("ab".to_owned(), &[7; TOPICS.len()], &lost, None);
+        let mut result = RecorderResult::new(&[7; TOPICS.len()], &lost, None);
+        result.digest = "ab".to_owned();
         assert!(!result.complete);
         assert_eq!(result.topics["world/outcome"].lost(), 3);
         result.save(&path)?;

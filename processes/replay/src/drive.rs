@@ -4,8 +4,8 @@ use messages::{
     CommAction, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Outcome,
     RobotBelief, topic,
 };
-use recorder::parts::parts_of;
-use recorder::read::{Ending, Found, ReadError, read, run_of};
+use recorder::parts::{parts_of, read_parts};
+use recorder::read::{Ending, Found, ReadError, run_of};
 use recorder::topics::{PerTopic, Recorded, TOPICS};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -20,6 +20,9 @@ const NEEDED: [&str; 6] = [
     topic::HUMAN_BELIEF,
     topic::COMM_ACTION,
 ];
+
+/// Topics of the processes that a replay asks again.
+const ASKED: [&str; 3] = [topic::ROBOT_BELIEF, topic::HUMAN_BELIEF, topic::COMM_ACTION];
 
 /// Why a drive cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -72,8 +75,6 @@ pub struct HumanSaid {
     pub digest: Digest,
     /// Log-likelihood of the action before this step.
     pub log_likelihood: f32,
-    /// Which model spoke.
-    pub kind: [u8; 16],
 }
 
 impl From<&HumanBelief> for HumanSaid {
@@ -81,7 +82,6 @@ impl From<&HumanBelief> for HumanSaid {
         Self {
             digest: digest_of(belief),
             log_likelihood: belief.log_likelihood,
-            kind: belief.kind,
         }
     }
 }
@@ -158,8 +158,9 @@ pub struct Drive {
     pub found: Found,
     /// Messages missing inside the recording, by topic: gaps in the sequence numbers.
     pub gaps: BTreeMap<&'static str, u64>,
-    /// Places at which another kind of human model began to speak.
-    pub kinds: Vec<((u32, u32), [u8; 16])>,
+    /// Places at which another process took over from the one that had spoken on a topic: swapped, or started again. It
+    /// may have begun with another belief than one that had been there all the time.
+    pub successions: Vec<(&'static str, (u32, u32))>,
 }
 
 impl Drive {
@@ -173,9 +174,8 @@ impl Drive {
         if parts.is_empty() {
             parts.push(path.to_owned());
         }
-        for part in &parts {
-            reading.floor = reading.last.map(|(_, sent_ns)| sent_ns);
-            let found = read(part, |message| reading.take(message))?;
+        let found = read_parts(&parts, |message| reading.take(message))?;
+        for (part, found) in parts.iter().zip(&found) {
             reading.drive.parts.push(Part {
                 file: part.clone(),
                 messages: found.messages.iter().sum(),
@@ -185,10 +185,8 @@ impl Drive {
                 },
                 counted_lost: found.counted_lost(),
             });
-            if reading.drive.parts.len() == 1 {
-                reading.drive.found = found;
-            }
         }
+        reading.drive.found = found.into_iter().next().unwrap_or_default();
         reading.finish(path)
     }
 }
@@ -198,32 +196,25 @@ impl Drive {
 struct Reading {
     drive: Drive,
     received: PerTopic,
-    /// Each topic's last message: sequence number, time sent.
-    last: [(u64, u64); TOPICS.len()],
-    /// Times of each topic's last message in earlier parts.
-    floor: PerTopic,
+    /// Sequence number expected next.
+    next: PerTopic,
 }
 
 impl Reading {
     fn take(&mut self, message: &Recorded) {
         let (topic, header) = (message.topic(), message.header());
-        // Two recorders may have listened for a while, one taking over from the other.
-        if header.sent_ns <= self.floor[topic] {
-            return;
-        }
-        let (sequence, _) = self.last[topic];
-        // A sender that took another's place counts from 0 again.
-        let expected = if self.received[topic] == 0 {
-            0
-        } else {
-            sequence.saturating_add(1)
-        };
         if TOPICS[topic].is_repeatable() {
-            let lost = header.sequence.saturating_sub(expected);
-            let gap = self.drive.gaps.entry(TOPICS[topic].name).or_default();
+            let name = TOPICS[topic].name;
+            if header.sequence < self.next[topic] && ASKED.contains(&name) {
+                let at = (header.episode, header.step);
+                self.drive.successions.push((name, at));
+            }
+            // A sender that took another's place counts from 0 again.
+            let lost = header.sequence.saturating_sub(self.next[topic]);
+            let gap = self.drive.gaps.entry(name).or_default();
             *gap = gap.saturating_add(lost);
+            self.next[topic] = header.sequence.saturating_add(1);
         }
-        self.last[topic] = (header.sequence, header.sent_ns);
         self.received[topic] += 1;
         self.keep(message);
     }
@@ -243,14 +234,6 @@ impl Reading {
             Recorded::RobotBelief(belief) => step.robot = Some(digest_of::<RobotBelief>(belief)),
             Recorded::HumanBelief(belief) => {
                 step.human = Some(belief.into());
-                if self
-                    .drive
-                    .kinds
-                    .last()
-                    .is_none_or(|(_, kind)| *kind != belief.kind)
-                {
-                    self.drive.kinds.push((at, belief.kind));
-                }
             }
             Recorded::CommAction(decision) => step.decision = Some(*decision),
             // These are no part of a step, and must not begin one.

@@ -15,7 +15,7 @@ mod row;
 pub use drive::{Digest, Drive, DriveError, HumanSaid, Part, Step, digest_of};
 pub use row::{Decision, Row, load as load_rows};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Outcome, RobotBelief, topic,
 };
@@ -157,10 +157,14 @@ impl<'a> Player<'a> {
             decision,
             ..
         } = ports;
-        if node.wait_step(&mut [robot, human], episode, step, None)? == Wake::Stop
-            || node.wait_step(&mut [decision], episode, step + 1, None)? == Wake::Stop
-        {
-            return Ok(Wake::Stop);
+        let mut wake = node.wait_step(&mut [robot, human], episode, step, None)?;
+        if wake == Wake::Message {
+            wake = node.wait_step(&mut [decision], episode, step + 1, None)?;
+        }
+        match wake {
+            Wake::Stop => return Ok(Wake::Stop),
+            Wake::Message => {}
+            other => bail!("episode {episode} step {step}: somebody gave no answer ({other:?})"),
         }
         self.take_down(ports, at);
         self.last = Some(at);
