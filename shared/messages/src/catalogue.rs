@@ -19,15 +19,26 @@ pub struct Description {
     pub definition: fn() -> String,
 }
 
-fn describe<M: Message>(visit: &mut impl FnMut(Description)) {
-    visit(Description {
+impl Description {
+    /// Type name and layout, as the attribute of a topic's service carries them: see [`Message::layout_text`].
+    pub fn layout_text(&self) -> String {
+        layout_text(self.type_name, self.layout)
+    }
+}
+
+fn description<M: Message>() -> Description {
+    Description {
         type_name: M::TYPE_NAME,
         ros_type: M::ROS_TYPE,
         fields: M::fields(),
         layout: M::layout(),
         size: size_of::<M>(),
         definition: M::definition,
-    });
+    }
+}
+
+fn describe<M: Message>(visit: &mut impl FnMut(Description)) {
+    visit(description::<M>());
 }
 
 /// Calls `visit` with every message, in the order of a step.
@@ -48,6 +59,22 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
     describe::<Control>(&mut visit);
     describe::<PortCount>(&mut visit);
     describe::<Report>(&mut visit);
+}
+
+/// Calls `visit` with every topic and the message that travels on it.
+pub fn for_each_topic(mut visit: impl FnMut(&'static str, Description)) {
+    visit(topic::LIDAR, description::<LidarFrame>());
+    visit(topic::SCENE, description::<Scene>());
+    visit(topic::OUTCOME, description::<Outcome>());
+    visit(topic::ROBOT_BELIEF, description::<RobotBelief>());
+    visit(topic::HUMAN_BELIEF, description::<HumanBelief>());
+    visit(topic::COMM_ACTION, description::<CommAction>());
+    visit(topic::DISPLAY, description::<Display>());
+    visit(topic::DRIVER_ACTION, description::<DriverAction>());
+    visit(topic::IMAGINE, description::<ImagineRequest>());
+    visit(topic::IMAGINE_ANSWER, description::<ImagineAnswer>());
+    visit(topic::CONTROL, description::<Control>());
+    visit(topic::REPORT, description::<Report>());
 }
 
 /// Type name, layout and ROS 2 definition of every message.

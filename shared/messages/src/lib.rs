@@ -9,8 +9,11 @@ mod catalogue;
 mod field;
 mod highway;
 mod message;
+mod python;
 
-pub use catalogue::{Description, all_definitions, for_each_message};
+pub use catalogue::{Description, all_definitions, for_each_message, for_each_topic};
 pub use field::{Field, FieldType};
 pub use highway::*;
+pub(crate) use message::layout_text;
 pub use message::{Header, Message, layout_hash};
+pub use python::python_module;

@@ -41,6 +41,16 @@ pub trait Message: ZeroCopySend + Copy + core::fmt::Debug + Send + Sync + 'stati
     fn layout() -> u64 {
         layout_hash(&format!("{}\n{}", Self::TYPE_NAME, Self::definition()))
     }
+
+    /// Type name and layout, as the attribute of a topic's service carries them.
+    fn layout_text() -> String {
+        layout_text(Self::TYPE_NAME, Self::layout())
+    }
+}
+
+/// A type name and its layout in one line.
+pub(crate) fn layout_text(type_name: &str, layout: u64) -> String {
+    format!("{type_name} layout {layout:016x}")
 }
 
 /// FNV-1a over a layout's description: stable over compilers, machines and languages.

@@ -22,6 +22,28 @@ fn definitions_are_those_on_record() {
     );
 }
 
+#[test]
+fn python_structures_are_those_that_the_types_make() {
+    let file = include_str!("../../../examples/python/mirror_messages.py");
+    let current = messages::python_module();
+    for (line, (recorded, current)) in file.lines().zip(current.lines()).enumerate() {
+        assert_eq!(
+            recorded,
+            current,
+            "mirror_messages.py:{}: a message changed. Write the file anew: \
+             cargo run -p messages --example python_layouts > examples/python/mirror_messages.py",
+            line + 1
+        );
+    }
+    assert_eq!(file.len(), current.len(), "a message was added or removed");
+    for (topic, class) in [("world/lidar", "LidarFrame"), ("run/report", "Report")] {
+        let line = format!("    \"{topic}\": {class},\n");
+        assert!(file.contains(&line), "{topic}");
+    }
+    let layout = format!("    LAYOUT = \"{}\"\n", LidarFrame::layout_text());
+    assert!(file.contains(&layout), "{layout}");
+}
+
 /// Bytes of a CDR primitive.
 fn primitive(element: &str) -> usize {
     match element {

@@ -79,11 +79,6 @@ impl Sizes {
     }
 }
 
-/// A message's type name and layout, as the service's attribute carries it.
-pub(crate) fn layout_of<M: Message>() -> String {
-    format!("{} layout {:016x}", M::TYPE_NAME, M::layout())
-}
-
 fn name(topic: &str) -> Result<ServiceName, PortError> {
     ServiceName::new(topic).map_err(|reason| open_error(topic, reason))
 }
@@ -129,7 +124,7 @@ pub(crate) fn open_topic<M: Message>(
 ) -> Result<Topic<M>, PortError> {
     let sizes = Sizes::of::<M>(topic);
     let service_name = name(topic)?;
-    let layout = layout_of::<M>();
+    let layout = M::layout_text();
     let key = LAYOUT_KEY
         .try_into()
         .map_err(|error| open_error(topic, error))?;

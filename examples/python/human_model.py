@@ -1,0 +1,324 @@
+#!/usr/bin/env python3
+"""A human model in Python: another program in the place of the human-model process of a MIRROR set.
+
+    mirror up --exec human="python3 examples/python/human_model.py"
+    mirror swap human --exec "python3 examples/python/human_model.py" --instance NAME      (and `swap human self` back)
+
+Needs `pip install iceoryx2==0.10.* numpy`. To put your own model in: write a class with the four methods of `SectorDriver`
+(`reset`, `perceive`, `predict`, `spread`), and hand it to `attend`. Everything else here is the part that every human
+model plays: it publishes what it believes of the person after every step, and answers the planner's question what imagined
+people would do, whole groups at once.
+
+The model: people remember, for each of the six sectors around the car, how far the nearest car is and how fast it comes
+closer. They see as far as the fog lets them, see what is highlighted and hear what is said; what they do not see moves on in
+their minds as it moved last, and is forgotten after some seconds. They follow the car ahead as the Intelligent Driver Model
+does, keep their lane, and change it when the car ahead is in their way and they know of nobody beside them.
+"""
+
+import argparse
+import sys
+from collections import deque
+
+import numpy as np
+from mirror_messages import ACTIONS, AZIMUTHS, BEAMS, EGO_VALUES, HEIGHT_BANDS, MAX_GROUP, SECTORS, VERBAL
+from mirror_ports import now_ns, position_of
+from mirror_process import Failure, Node, RunArguments
+
+KIND = b"python"
+RANGE_M = 40.0
+STEP_S = 0.15
+#: Sectors, by azimuth of 10° anticlockwise from ahead: front, left front, left rear, rear, right rear, right front.
+SECTOR_OF = np.repeat([0, 1, 2, 3, 4, 5], [1, 9, 8, 1, 8, 9])
+FRONT, LEFT_FRONT, LEFT_REAR, RIGHT_REAR, RIGHT_FRONT = 0, 1, 2, 4, 5
+#: A display shows the front half only.
+ON_DISPLAY = (np.arange(AZIMUTHS) <= 9) | (np.arange(AZIMUTHS) >= 27)
+#: How the planner scales the ego values, and what one of the car's own units is: rad, m/s, m, m, rad.
+EGO_SCALE = np.array([60, 2, 2, 2, 60], np.float32)
+EGO_UNIT = np.array([np.pi, 40 / 3.6, 1.75, 7.0, np.pi], np.float32)
+#: Actions are kept this far inside (-1, 1) where their atanh is needed.
+ACTION_EDGE = 0.97
+#: Phases of a question, and the status of an answer.
+START, PERCEIVE, FORGET = 0, 1, 2
+ANSWERED, NO_BELIEF, NO_GROUP = 0, 1, 2
+GROUPS = 4
+
+
+class People:
+    """What people believe; the person is a group of one. Arrays are `people × sectors`, and `people × ego values`."""
+
+    def __init__(self, rows: int):
+        self.gap_m = np.full((rows, SECTORS), RANGE_M, np.float32)  # to the nearest car there; RANGE_M: none
+        self.closing_mps = np.zeros((rows, SECTORS), np.float32)
+        self.age = np.zeros((rows, SECTORS), np.float32)  # steps since they last knew
+        self.ego = np.zeros((rows, EGO_VALUES), np.float32)  # rad, m/s, m, m, rad
+        # Of tanh's argument; for the person, learned from what they do.
+        self.deviation = np.tile(np.array([0.4, 0.2], np.float32), (rows, 1))
+
+    def copy(self) -> "People":
+        twin = People.__new__(People)
+        twin.__dict__ = {name: array.copy() for name, array in self.__dict__.items()}
+        return twin
+
+
+class SectorDriver:
+    """People who know the nearest car of each sector."""
+
+    FORGET_STEPS = 20  # 3 s
+    WHEELBASE_M, FULL_STEER_RAD, LANE_M = 2.85, np.radians(20.0), 3.5
+    DESIRED_MPS, HEADWAY_S, STANDSTILL_M = 38 / 3.6, 1.2, 2.2 + 2.35  # the LIDAR sits in the car's middle
+    ACCELERATION, DECELERATION, FULL_THROTTLE, FULL_BRAKE, DRAG = 2.8, 3.0, 3.5, 8.0, 0.03
+
+    def __init__(self, sight_m):
+        """`sight_m`: how far people see ahead, to the sides and behind; in between, on ellipse arcs through these."""
+        front, side, rear = sight_m
+        angle = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
+        ends = np.where(np.cos(angle) > 0, front, rear)
+        self.sight_m = np.minimum(RANGE_M, 1 / np.hypot(np.cos(angle) / ends, np.sin(angle) / side))
+        self.sector_sight_m = self._nearest(self.sight_m[None, :])[0]
+
+    @staticmethod
+    def _nearest(by_azimuth):
+        """Minimum over each sector's azimuths: `people × 6`."""
+        return np.minimum.reduceat(by_azimuth, [0, 1, 10, 18, 19, 27], axis=1)
+
+    def reset(self) -> People:
+        """The person, who has perceived nothing yet."""
+        return People(1)
+
+    def spread(self, person: People, rows: int, random: np.random.Generator) -> People:
+        """A group of people who believe about what the person believes."""
+        group = People(rows)
+        for name, array in person.__dict__.items():
+            getattr(group, name)[:] = array
+        noise = random.standard_normal(group.gap_m.shape, np.float32)
+        known = group.gap_m < RANGE_M
+        group.gap_m += np.where(known, self.gap_deviation_m(group) * noise, 0)
+        np.clip(group.gap_m, 0.5, RANGE_M, out=group.gap_m)
+        return group
+
+    @staticmethod
+    def gap_deviation_m(people: People):
+        """The longer ago they last saw a car, the less people know where it is."""
+        return 0.5 + 0.3 * people.age
+
+    def perceive(self, people: People, range_m, ego, shown, heard, heard_m):
+        """Takes in what people could perceive in a step.
+
+        `range_m`: nearest return, `people × azimuths`; `ego`: `people × 5`, as in `People`; `shown`, `heard`: which sectors
+        are highlighted and spoken about, `people × 6`; `heard_m`: the distances that are said.
+        """
+        highlighted = shown[:, SECTOR_OF] & ON_DISPLAY
+        visible = highlighted | (range_m <= self.sight_m)
+        seen_m = self._nearest(np.where(visible, range_m, RANGE_M))
+        noticed = seen_m < 0.95 * RANGE_M
+        expected_m = np.clip(people.gap_m - STEP_S * people.closing_mps, 0.5, RANGE_M)
+        # Where a car should be in sight and is not, there is none.
+        gone = (expected_m < self.sector_sight_m) | (people.age > self.FORGET_STEPS)
+        gap_m = np.where(gone, RANGE_M, expected_m)
+        gap_m = np.where(heard, heard_m, gap_m)
+        gap_m = np.where(noticed, seen_m, gap_m).astype(np.float32)
+        known = noticed | heard
+        moved_mps = np.clip((people.gap_m - gap_m) / STEP_S, -15, 15)
+        followed = noticed & (people.gap_m < RANGE_M) & (people.age == 0)
+        closing_mps = np.where(followed, 0.6 * people.closing_mps + 0.4 * moved_mps, people.closing_mps)
+        people.closing_mps = np.where(gap_m < RANGE_M, closing_mps, 0).astype(np.float32)
+        people.gap_m = gap_m
+        people.age = np.where(known, 0, people.age + 1).astype(np.float32)
+        people.ego = ego
+
+    def predict(self, people: People):
+        """Mean of atanh(action), `people × 2`; `people.deviation` goes with it."""
+        heading, speed, aside, across, turn = people.ego.T
+        ahead_m = np.maximum(people.gap_m[:, FRONT] - self.STANDSTILL_M, 0.5)
+        braking = 2 * np.sqrt(self.ACCELERATION * self.DECELERATION)
+        wanted_m = speed * (self.HEADWAY_S + people.closing_mps[:, FRONT] / braking)
+        crowded = np.where(people.gap_m[:, FRONT] < RANGE_M, (np.maximum(wanted_m, 0) / ahead_m) ** 2, 0)
+        acceleration = self.ACCELERATION * (1 - (speed / self.DESIRED_MPS) ** 4 - np.minimum(crowded, 9))
+        push = acceleration + self.DRAG * speed
+        pedal = push / np.where(push > 0, self.FULL_THROTTLE, self.FULL_BRAKE)
+        # The other lane lies to the right of who drives left of the road's middle.
+        to_right = across > 0
+        beside_m = np.where(to_right, people.gap_m[:, RIGHT_FRONT], people.gap_m[:, LEFT_FRONT])
+        behind = np.where(to_right, RIGHT_REAR, LEFT_REAR)[:, None]
+        behind_m = np.take_along_axis(people.gap_m, behind, 1)[:, 0]
+        comes_mps = np.maximum(np.take_along_axis(people.closing_mps, behind, 1)[:, 0], 0)
+        changes = (crowded > 1.2) & (beside_m > 12) & (behind_m > 6 + 2 * comes_mps) & (speed > 2)
+        target_m = np.where(changes, np.where(to_right, -self.LANE_M, self.LANE_M), 0) - aside
+        speed = np.maximum(speed, 2)
+        slant = np.clip(target_m / (0.8 * speed), -0.18, 0.18)
+        curvature = turn / 10 + (slant - heading) / (0.45 * speed)
+        steer = np.arctan(self.WHEELBASE_M * curvature) / self.FULL_STEER_RAD
+        action = np.stack([pedal, steer], 1)
+        return np.arctanh(np.clip(action, -ACTION_EDGE, ACTION_EDGE)).astype(np.float32)
+
+
+class Mind:
+    """The person in the eyes of a model: what they believe now, what they believed lately, and imagined groups of them."""
+
+    def __init__(self, model):
+        self.model = model
+        self.people, self.position, self.mean = None, None, None
+        # A real-time plan starts several times from the same step while the person moves on.
+        self.remembered = deque(maxlen=4)
+        self.groups = {}
+
+    def follows(self, episode: int) -> bool:
+        return self.position is not None and self.position[0] == episode
+
+    def observe(self, frame, display, taken, belief):
+        """Updates the belief with what the person could perceive, and `taken`, what they did one step before (none at an
+        episode's start); writes it into `belief`, all but the header."""
+        position = position_of(frame)
+        if position[1] == 0 or not self.follows(position[0]):
+            self.people = self.model.reset()
+        elif taken is not None:
+            belief.log_likelihood = self._learn(taken)
+        range_m = RANGE_M * np.ctypeslib.as_array(frame.range).reshape(1, HEIGHT_BANDS, AZIMUTHS).min(axis=1)
+        ego = (np.ctypeslib.as_array(frame.ego) * EGO_UNIT)[None, :]
+        heard, heard_m = np.zeros((1, SECTORS), bool), np.full((1, SECTORS), RANGE_M, np.float32)
+        for utterance in display.utterances[: min(display.utterance_count, SECTORS)]:
+            if utterance.sector < SECTORS and utterance.kind <= 2:
+                heard[0, utterance.sector] = True
+                heard_m[0, utterance.sector] = utterance.range_m if utterance.kind > 0 else RANGE_M
+        shown = bits_of(np.array([display.highlighted]))
+        self.model.perceive(self.people, range_m, ego, shown, heard, heard_m)
+        self.mean = self.model.predict(self.people)
+        self.position = position
+        self.remembered.append((position, self.people.copy()))
+        self._write(belief)
+
+    def _learn(self, taken) -> float:
+        """How likely the action was, as a density over (-1, 1); and how far people stray from what is expected."""
+        u = np.arctanh(np.clip(taken, -ACTION_EDGE, ACTION_EDGE))
+        missed, deviation = u - self.mean[0], self.people.deviation[0]
+        density = -0.5 * (missed / deviation) ** 2 - np.log(deviation) - 0.5 * np.log(2 * np.pi)
+        density -= np.log(1 - np.tanh(u) ** 2)
+        variance = 0.95 * deviation**2 + 0.05 * np.minimum(missed**2, 4)
+        self.people.deviation[0] = np.clip(np.sqrt(variance), 0.05, 1.5)
+        return float(density.sum())
+
+    def _write(self, belief):
+        people = self.people
+        latent = 2 * SECTORS
+        belief.latent = latent
+        belief.mean[:latent] = [*(people.gap_m[0] / RANGE_M), *(people.closing_mps[0] / 10)]
+        gap_deviation = np.where(people.gap_m[0] < RANGE_M, self.model.gap_deviation_m(people)[0], 0) / RANGE_M
+        belief.deviation[:latent] = [*gap_deviation, *(0.05 + 0.01 * people.age[0])]
+        belief.action_mean[:] = np.tanh(self.mean[0]).tolist()
+        belief.action_deviation[:] = people.deviation[0].tolist()
+        belief.kind[: len(KIND)] = KIND
+
+    def answer(self, question, answer):
+        """Answers a question about a group of imagined people."""
+        group, rows = question.group, question.rows
+        answer.group, answer.phase, answer.rows, answer.status = group, question.phase, rows, NO_GROUP
+        if group >= GROUPS or rows > MAX_GROUP:
+            return
+        random = np.random.default_rng(question.seed)
+        if question.phase == START and rows > 0:
+            known = [people for position, people in self.remembered if position == position_of(question)]
+            if not known:
+                answer.status = NO_BELIEF
+                return
+            people = self.groups[group] = self.model.spread(known[-1], rows, random)
+            if question.action_known:
+                actions = np.tile(np.array(question.action, np.float32), (rows, 1))
+            else:
+                actions = self._act(people, random)
+        elif question.phase == PERCEIVE and group in self.groups and rows == len(self.groups[group].gap_m):
+            people = self.groups[group]
+            lidar = np.ctypeslib.as_array(question.lidar).reshape(MAX_GROUP, BEAMS + EGO_VALUES)[:rows]
+            range_m = RANGE_M * (1 - lidar[:, :BEAMS].reshape(rows, HEIGHT_BANDS, AZIMUTHS).max(axis=1))
+            ego = lidar[:, BEAMS:] * (EGO_UNIT / EGO_SCALE)
+            told = np.ctypeslib.as_array(question.communicated)[:rows]
+            heard = bits_of(told >> 8)
+            # Of each sector's 20 numbers the last is the distance, in ranges.
+            verbal = np.ctypeslib.as_array(question.verbal).reshape(MAX_GROUP, VERBAL)[:rows]
+            heard_m = RANGE_M * np.clip(verbal[:, VERBAL // SECTORS - 1 :: VERBAL // SECTORS], 0, 1) if heard.any() else RANGE_M
+            self.model.perceive(people, range_m, ego, bits_of(told), heard, heard_m)
+            actions = self._act(people, random)
+        elif question.phase == FORGET:
+            self.groups.pop(group, None)
+            answer.status = ANSWERED
+            return
+        else:
+            return
+        np.ctypeslib.as_array(answer.action)[: rows * ACTIONS] = actions.reshape(-1)
+        answer.status = ANSWERED
+
+    def _act(self, people, random):
+        noise = random.standard_normal((len(people.gap_m), ACTIONS), np.float32)
+        return np.tanh(self.model.predict(people) + people.deviation * noise)
+
+
+def bits_of(words):
+    """A bit per sector: `people × 6`."""
+    return (words[:, None] >> np.arange(SECTORS) & 1).astype(bool)
+
+
+def attend(node: Node, mind: Mind):
+    """The human-model process: follows the person from step to step, and answers questions in between."""
+    lockstep = node.arguments.lockstep
+    displays = node.input("comm/display", in_order=lockstep)
+    lidar = node.input("world/lidar", in_order=lockstep)
+    actions = node.input("driver/action", in_order=lockstep)
+    questions = node.input("human/imagine", in_order=True)
+    answers = node.output("human/imagine/answer")
+    beliefs = node.output("belief/human")
+    if not node.ready():
+        return
+    # A step begins with its display, the last of its inputs: until then questions start from the step before.
+    while node.wait([displays, questions]):
+        while questions.take():
+            question = questions.message
+            position = position_of(question)
+            if node.speaks(position):
+                answers.send(position, question.header.cause_ns, lambda answer: mind.answer(question, answer))
+        if not displays.take():
+            continue
+        display = displays.message
+        episode, step = displays.position()
+        deadline_ns = None if lockstep else now_ns()
+        there = node.wait_step(lidar, (episode, step), deadline_ns)
+        if there is False:
+            return
+        if there is None:  # The display is older than what is left of its frames, for one that joined late.
+            node.skip((episode, step))
+            continue
+        taken = None
+        if step > 0 and mind.follows(episode):
+            there = node.wait_step(actions, (episode, step - 1), deadline_ns)
+            if there is False:
+                return
+            if there and actions.message is not None:
+                taken = (actions.message.throttle, actions.message.steer)
+        frame = lidar.message
+        if frame is None:
+            continue
+        beliefs.send(position_of(frame), frame.header.cause_ns, lambda belief: mind.observe(frame, display, taken, belief))
+        node.end_step()
+
+
+def main() -> int:
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("run", metavar="RUN.json", help="the run's arguments; the launcher adds them")
+    options.add_argument(
+        "--sight",
+        nargs=3,
+        type=float,
+        metavar=("FRONT_M", "SIDE_M", "REAR_M"),
+        default=(15.0, 8.0, 3.0),
+        help="how far people see; the default is the fog of the scene highway-fog",
+    )
+    given = options.parse_args()
+    try:
+        with Node(RunArguments(given.run)) as node:
+            attend(node, Mind(SectorDriver(given.sight)))
+    except Failure as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

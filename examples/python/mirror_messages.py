@@ -1,0 +1,338 @@
+"""The messages of a MIRROR process set, byte for byte as the Rust processes lay them out in shared memory.
+
+Generated from the Rust types, whose documentation says what each field means; do not edit. To write it anew:
+
+    cargo run -p messages --example python_layouts > examples/python/mirror_messages.py
+"""
+
+import ctypes
+
+AZIMUTHS = 36
+HEIGHT_BANDS = 3
+BEAMS = 108
+EGO_VALUES = 5
+SECTORS = 6
+VERBAL = 120
+LATENT = 128
+ACTIONS = 2
+MAX_OBJECTS = 64
+MAX_GROUP = 512
+
+
+class Header(ctypes.Structure):
+    LAYOUT = "mirror/Header/1 layout 79b8c58706d83b37"
+    _fields_ = [
+        ("run_id", ctypes.c_uint64),
+        ("sequence", ctypes.c_uint64),
+        ("sent_ns", ctypes.c_uint64),
+        ("cause_ns", ctypes.c_uint64),
+        ("compute_ns", ctypes.c_uint64),
+        ("episode", ctypes.c_uint32),
+        ("step", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Header/1"
+
+
+class LidarFrame(ctypes.Structure):
+    LAYOUT = "mirror/LidarFrame/1 layout b68331de2b9332fe"
+    _fields_ = [
+        ("header", Header),
+        ("range", ctypes.c_float * 108),
+        ("object", ctypes.c_int32 * 36),
+        ("speed_mps", ctypes.c_float * 36),
+        ("ego", ctypes.c_float * 5),
+        ("moving", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/LidarFrame/1"
+
+
+class ObjectPose(ctypes.Structure):
+    LAYOUT = "mirror/ObjectPose/1 layout d413802222b6d8ee"
+    _fields_ = [
+        ("x_m", ctypes.c_double),
+        ("y_m", ctypes.c_double),
+        ("heading_rad", ctypes.c_float),
+        ("speed_mps", ctypes.c_float),
+        ("length_m", ctypes.c_float),
+        ("width_m", ctypes.c_float),
+        ("id", ctypes.c_int32),
+        ("kind", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/ObjectPose/1"
+
+
+class Scene(ctypes.Structure):
+    LAYOUT = "mirror/Scene/1 layout 65d893c53aca5c75"
+    _fields_ = [
+        ("header", Header),
+        ("ego", ObjectPose),
+        ("objects", ObjectPose * 64),
+        ("count", ctypes.c_uint32),
+        ("left_out", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Scene/1"
+
+
+class Outcome(ctypes.Structure):
+    LAYOUT = "mirror/Outcome/1 layout 4e3aaa9ad4a5fe72"
+    _fields_ = [
+        ("header", Header),
+        ("reward", ctypes.c_float),
+        ("speed", ctypes.c_float),
+        ("brake", ctypes.c_float),
+        ("steer", ctypes.c_float),
+        ("change", ctypes.c_float),
+        ("center", ctypes.c_float),
+        ("proximity", ctypes.c_float),
+        ("road", ctypes.c_float),
+        ("collision", ctypes.c_float),
+        ("collided", ctypes.c_uint32),
+        ("end", ctypes.c_uint32),
+        ("other", ctypes.c_int32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Outcome/1"
+
+
+class RobotBelief(ctypes.Structure):
+    LAYOUT = "mirror/RobotBelief/1 layout a1981f1ab27d71fc"
+    _fields_ = [
+        ("header", Header),
+        ("mean", ctypes.c_float * 128),
+        ("deviation", ctypes.c_float * 128),
+        ("lidar", ctypes.c_float * 113),
+        ("verbal", ctypes.c_float * 120),
+        ("reward", ctypes.c_float),
+        ("surprise", ctypes.c_float),
+        ("latent", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/RobotBelief/1"
+
+
+class HumanBelief(ctypes.Structure):
+    LAYOUT = "mirror/HumanBelief/1 layout 0888a31bfb11833e"
+    _fields_ = [
+        ("header", Header),
+        ("mean", ctypes.c_float * 128),
+        ("deviation", ctypes.c_float * 128),
+        ("action_mean", ctypes.c_float * 2),
+        ("action_deviation", ctypes.c_float * 2),
+        ("kind", ctypes.c_uint8 * 16),
+        ("latent", ctypes.c_uint32),
+        ("log_likelihood", ctypes.c_float),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/HumanBelief/1"
+
+
+class CommAction(ctypes.Structure):
+    LAYOUT = "mirror/CommAction/1 layout 6c8330f8c06de646"
+    _fields_ = [
+        ("header", Header),
+        ("visual_probability", ctypes.c_float * 6),
+        ("verbal_probability", ctypes.c_float * 6),
+        ("visual", ctypes.c_uint32),
+        ("verbal", ctypes.c_uint32),
+        ("value", ctypes.c_float),
+        ("value_silent", ctypes.c_float),
+        ("cost", ctypes.c_float),
+        ("reason", ctypes.c_uint32),
+        ("samples", ctypes.c_uint32),
+        ("iterations", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/CommAction/1"
+
+
+class Utterance(ctypes.Structure):
+    LAYOUT = "mirror/Utterance/1 layout 1ee7b36cf21639e8"
+    _fields_ = [
+        ("text", ctypes.c_uint8 * 64),
+        ("sector", ctypes.c_uint32),
+        ("kind", ctypes.c_uint32),
+        ("range_m", ctypes.c_float),
+        ("speed_mps", ctypes.c_float),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Utterance/1"
+
+
+class Display(ctypes.Structure):
+    LAYOUT = "mirror/Display/1 layout 4ba0ca5267b55df5"
+    _fields_ = [
+        ("header", Header),
+        ("utterances", Utterance * 6),
+        ("utterance_count", ctypes.c_uint32),
+        ("highlighted", ctypes.c_uint32),
+        ("objects", ctypes.c_int32 * 16),
+        ("object_count", ctypes.c_uint32),
+        ("speech_ready_s", ctypes.c_float),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Display/1"
+
+
+class DriverAction(ctypes.Structure):
+    LAYOUT = "mirror/DriverAction/1 layout 0ac4828fd1867aef"
+    _fields_ = [
+        ("header", Header),
+        ("throttle", ctypes.c_float),
+        ("steer", ctypes.c_float),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/DriverAction/1"
+
+
+class ImagineRequest(ctypes.Structure):
+    LAYOUT = "mirror/ImagineRequest/1 layout a368e2f362be2770"
+    _fields_ = [
+        ("header", Header),
+        ("seed", ctypes.c_uint64),
+        ("group", ctypes.c_uint32),
+        ("phase", ctypes.c_uint32),
+        ("rows", ctypes.c_uint32),
+        ("action_known", ctypes.c_uint32),
+        ("action", ctypes.c_float * 2),
+        ("communicated", ctypes.c_uint32 * 512),
+        ("lidar", ctypes.c_float * 57856),
+        ("verbal", ctypes.c_float * 61440),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/ImagineRequest/1"
+
+
+class ImagineAnswer(ctypes.Structure):
+    LAYOUT = "mirror/ImagineAnswer/1 layout f7a57d974fb24e05"
+    _fields_ = [
+        ("header", Header),
+        ("group", ctypes.c_uint32),
+        ("rows", ctypes.c_uint32),
+        ("status", ctypes.c_uint32),
+        ("phase", ctypes.c_uint32),
+        ("action", ctypes.c_float * 1024),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/ImagineAnswer/1"
+
+
+class Control(ctypes.Structure):
+    LAYOUT = "mirror/Control/1 layout 0495019d9ee05224"
+    _fields_ = [
+        ("header", Header),
+        ("command", ctypes.c_uint32),
+        ("process", ctypes.c_uint32),
+        ("argument", ctypes.c_uint64),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Control/1"
+
+
+class PortCount(ctypes.Structure):
+    LAYOUT = "mirror/PortCount/1 layout 31f29576bfeee34d"
+    _fields_ = [
+        ("topic", ctypes.c_uint8 * 24),
+        ("received", ctypes.c_uint64),
+        ("lost", ctypes.c_uint64),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/PortCount/1"
+
+
+class Report(ctypes.Structure):
+    LAYOUT = "mirror/Report/1 layout 40cc189acae2b262"
+    _fields_ = [
+        ("header", Header),
+        ("process", ctypes.c_uint8 * 16),
+        ("text", ctypes.c_uint8 * 256),
+        ("ports", PortCount * 16),
+        ("compute_ns", ctypes.c_uint64 * 5),
+        ("steps", ctypes.c_uint64),
+        ("missed_deadlines", ctypes.c_uint64),
+        ("allocations", ctypes.c_uint64),
+        ("transport_allocations", ctypes.c_uint64),
+        ("digest", ctypes.c_uint8 * 32),
+        ("port_count", ctypes.c_uint32),
+        ("index", ctypes.c_uint32),
+        ("pid", ctypes.c_uint32),
+        ("state", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Report/1"
+
+
+#: The message that travels on each topic.
+TOPICS = {
+    "world/lidar": LidarFrame,
+    "world/scene": Scene,
+    "world/outcome": Outcome,
+    "belief/robot": RobotBelief,
+    "belief/human": HumanBelief,
+    "comm/action": CommAction,
+    "comm/display": Display,
+    "driver/action": DriverAction,
+    "human/imagine": ImagineRequest,
+    "human/imagine/answer": ImagineAnswer,
+    "run/control": Control,
+    "run/report": Report,
+}
+
+#: Of every message: its bytes, and where each of its fields begins.
+_PLACES = {
+    Header: (48, [0, 8, 16, 24, 32, 40, 44]),
+    LidarFrame: (792, [0, 48, 480, 624, 768, 788]),
+    ObjectPose: (40, [0, 8, 16, 20, 24, 28, 32, 36]),
+    Scene: (2656, [0, 48, 88, 2648, 2652]),
+    Outcome: (96, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 88, 92]),
+    RobotBelief: (2016, [0, 48, 560, 1072, 1524, 2004, 2008, 2012]),
+    HumanBelief: (1112, [0, 48, 560, 1072, 1080, 1088, 1104, 1108]),
+    CommAction: (128, [0, 48, 72, 96, 100, 104, 108, 112, 116, 120, 124]),
+    Utterance: (80, [0, 64, 68, 72, 76]),
+    Display: (608, [0, 48, 528, 532, 536, 600, 604]),
+    DriverAction: (56, [0, 48, 52]),
+    ImagineRequest: (479312, [0, 48, 56, 60, 64, 68, 72, 80, 2128, 233552]),
+    ImagineAnswer: (4160, [0, 48, 52, 56, 60, 64]),
+    Control: (64, [0, 48, 52, 56]),
+    PortCount: (40, [0, 24, 32]),
+    Report: (1080, [0, 48, 64, 320, 960, 1000, 1008, 1016, 1024, 1032, 1064, 1068, 1072, 1076]),
+}
+
+for _structure, (_size, _offsets) in _PLACES.items():
+    assert ctypes.sizeof(_structure) == _size, _structure
+    assert [getattr(_structure, f[0]).offset for f in _structure._fields_] == _offsets, _structure

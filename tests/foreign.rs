@@ -1,0 +1,333 @@
+//! A human model written in Python, as a process of the set: it drives runs to their end, takes over and hands over
+//! without a step left out, is refused when its messages are not ours, and is replaced when it dies.
+//!
+//! Needs Python with `iceoryx2` and `numpy`: `MIRROR_PYTHON`, `python3`, or else an environment that the test makes and
+//! installs them into from PyPI. Where none of these works, it says so and passes.
+
+mod common;
+
+use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
+use messages::Message;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+const PACKAGES: [&str; 2] = ["iceoryx2==0.10.*", "numpy>=1.23"];
+const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/python");
+/// Plans that take a few milliseconds.
+const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+
+/// The command that starts the example, or `None` where there is no Python for it.
+fn human_model() -> Option<String> {
+    let Some(python) = python() else {
+        eprintln!("skipped: no Python into which iceoryx2 and numpy could be installed");
+        return None;
+    };
+    Some(format!("{} {EXAMPLE}/human_model.py", python.display()))
+}
+
+fn python() -> Option<&'static PathBuf> {
+    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
+    FOUND.get_or_init(find_python).as_ref()
+}
+
+fn find_python() -> Option<PathBuf> {
+    let given = std::env::var_os("MIRROR_PYTHON").map(PathBuf::from);
+    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-iceoryx2");
+    let inside = made.join("bin/python3");
+    let candidates = [given, Some(PathBuf::from("python3")), Some(inside.clone())];
+    if let Some(python) = candidates.into_iter().flatten().find(|p| can_join(p)) {
+        return Some(python);
+    }
+    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
+    let installed = done(Command::new("python3").args(["-m", "venv"]).arg(&made))
+        && done(
+            Command::new(&inside)
+                .args(["-m", "pip", "install", "--quiet", "--timeout", "20"])
+                .args(PACKAGES),
+        );
+    (installed && can_join(&inside)).then_some(inside)
+}
+
+fn can_join(python: &Path) -> bool {
+    Command::new(python)
+        .args([
+            "-c",
+            "import iceoryx2, numpy; iceoryx2.AttributeVerifier.new()",
+        ])
+        .output()
+        .is_ok_and(|output| output.status.success())
+}
+
+fn no_message_lost(summary: &Value) {
+    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
+        assert_eq!(lost, 0, "{topic}: {summary}");
+    }
+}
+
+/// A run with the Python human model, to its end.
+fn drives(test: &str, command: &mut Command, bench: &Bench, model: &str) -> Value {
+    let name = instance(test);
+    let file = bench.path("summary.json");
+    command
+        .args(["--instance", &name, "--exec", &format!("human={model}")])
+        .arg("--summary")
+        .arg(&file);
+    let output = run(command);
+    assert!(output.status.success(), "{}", told(&output));
+    assert_nothing_left(&name);
+    let summary = summary(&file);
+    assert_eq!(summary["completed"], true, "{summary}");
+    assert_eq!(summary["deaths"], Value::Array(Vec::new()));
+    assert_eq!(summary["restarts"], 0);
+    let human = &summary["processes"]["human"];
+    assert_eq!(human["end"], "finished", "{summary}");
+    assert_eq!(human["steps"], summary["steps"], "a belief for every step");
+    no_message_lost(&summary);
+    summary
+}
+
+/// `mirror up` in lockstep, with an untrained self-model.
+fn up(bench: &Bench) -> Command {
+    let mut command = mirror();
+    command
+        .args(["up", "--human", "self", "--self-model"])
+        .arg(bench.path("self.safetensors"));
+    command
+}
+
+#[test]
+fn python_drives_in_lockstep_and_repeats_itself() {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let drive = |test: &str| {
+        let file = bench.path(&format!("{test}.mcap"));
+        let mut command = up(&bench);
+        command
+            .args(["--planner", "none", "--episodes", "2", "--record"])
+            .arg(&file);
+        drives(test, &mut command, &bench, &model);
+        beliefs(&file)
+    };
+    let (first, second) = (drive("python-first"), drive("python-second"));
+    assert!(first.len() > 100, "{} beliefs", first.len());
+    assert!(
+        first.iter().all(|belief| &belief.kind[..7] == b"python\0"),
+        "every belief is the Python model's"
+    );
+    assert!(first.iter().all(|belief| belief.latent == 12));
+    let throttles: Vec<_> = first.iter().map(|belief| belief.action_mean[0]).collect();
+    let spread = throttles.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b))
+        - throttles.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+    assert!(spread > 0.1, "it predicts, not just one thing: {spread}");
+    assert!(first.iter().any(|belief| belief.log_likelihood != 0.0));
+    let same = first.iter().zip(&second).all(|(a, b)| {
+        (a.mean, a.action_mean, a.action_deviation) == (b.mean, b.action_mean, b.action_deviation)
+            && a.log_likelihood.to_bits() == b.log_likelihood.to_bits()
+    });
+    assert!(
+        same && first.len() == second.len(),
+        "lockstep is repeatable"
+    );
+}
+
+/// Every human belief of a recording, in order.
+fn beliefs(path: &Path) -> Vec<messages::HumanBelief> {
+    const CDR_HEADER: usize = 4;
+    let bytes = std::fs::read(path).unwrap();
+    let mut found: Vec<_> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|message| message.unwrap())
+        .filter(|message| message.channel.topic.ends_with("belief/human"))
+        .map(|message| {
+            let body = &message.data[CDR_HEADER..];
+            assert_eq!(body.len(), size_of::<messages::HumanBelief>());
+            // SAFETY: as many bytes as the message has, of plain numbers.
+            unsafe { std::ptr::read_unaligned(body.as_ptr().cast::<messages::HumanBelief>()) }
+        })
+        .collect();
+    found.sort_by_key(|belief| (belief.header.episode, belief.header.step));
+    found
+}
+
+#[test]
+fn a_planner_asks_python_what_people_would_do() {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let scene = bench.write("small.toml", SMALL_PLANS);
+    let drive = bench.path("planned.mcap");
+    let mut command = up(&bench);
+    command
+        .args(["--planner", "ce", "--episodes", "1", "--scene"])
+        .arg(scene)
+        .arg("--record")
+        .arg(&drive);
+    drives("python-ce", &mut command, &bench, &model);
+    let bytes = std::fs::read(&drive).unwrap();
+    let mut planned = 0;
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        if message.channel.topic.ends_with("comm/action") {
+            // SAFETY: as many bytes as the message has, of plain numbers.
+            let decision: messages::CommAction =
+                unsafe { std::ptr::read_unaligned(message.data[4..].as_ptr().cast()) };
+            assert_eq!(decision.reason, 0, "every question was answered");
+            assert!(decision.value.is_finite());
+            planned += 1;
+        }
+    }
+    assert!(planned > 50, "{planned} plans");
+}
+
+fn swap(name: &str, bench: &Bench, arguments: &[&str]) -> (Output, Value) {
+    let report = bench.path("report.json");
+    let _ = std::fs::remove_file(&report);
+    let mut command = mirror();
+    command
+        .args(["swap", "human"])
+        .args(arguments)
+        .args(["--instance", name, "--report"])
+        .arg(&report);
+    let output = run(&mut command);
+    let report = std::fs::read_to_string(&report)
+        .map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
+    (output, report)
+}
+
+fn end(mut live: Live, name: &str) {
+    live.signal("launcher", libc::SIGINT);
+    assert_eq!(live.wait().code(), Some(1), "interrupted");
+    live.assert_all_ended();
+    assert_nothing_left(name);
+}
+
+fn swaps_in_and_out(test: &str, options: &[&str]) {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let name = instance(test);
+    let file = bench.path("summary.json");
+    let mut command = bench.up(&name);
+    command
+        .args(["--episodes", "1000000"])
+        .args(options)
+        .arg("--summary")
+        .arg(&file);
+    let live = Live::start(&mut command, &name);
+    for arguments in [
+        &["--exec", &model][..],
+        &["self"],
+        &["--exec", &model],
+        &["self"],
+    ] {
+        let (output, report) = swap(&name, &bench, arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+        assert_eq!(report["ticks_without_answer"], 0, "{report}");
+        assert_eq!(report["lost_messages"], 0, "{report}");
+        assert_eq!(report["old_died"], false, "{report}");
+    }
+    end(live, &name);
+    let summary = summary(&file);
+    assert_eq!(summary["swaps"].as_array().unwrap().len(), 4);
+    assert_eq!(summary["deaths"], Value::Array(Vec::new()));
+    no_message_lost(&summary);
+}
+
+#[test]
+fn python_takes_over_and_hands_over_in_lockstep() {
+    swaps_in_and_out("python-swap", &[]);
+}
+
+#[test]
+fn python_takes_over_and_hands_over_in_real_time() {
+    swaps_in_and_out("python-real", &["--clock", "realtime"]);
+}
+
+/// The example with two fields of a message in each other's place: as many bytes, another meaning.
+fn with_another_layout(bench: &Bench, model: &str) -> String {
+    let hash = messages::LidarFrame::layout_text();
+    for file in ["human_model.py", "mirror_ports.py", "mirror_process.py"] {
+        let text = std::fs::read(Path::new(EXAMPLE).join(file)).unwrap();
+        bench.write(file, text);
+    }
+    let module = std::fs::read_to_string(Path::new(EXAMPLE).join("mirror_messages.py")).unwrap();
+    let altered = module.replace(&hash, OTHER_LAYOUT);
+    assert_ne!(module, altered);
+    bench.write("mirror_messages.py", altered);
+    model.replace(EXAMPLE, &bench.directory.path().display().to_string())
+}
+
+const OTHER_LAYOUT: &str = "mirror/LidarFrame/1 layout 0123456789abcdef";
+
+#[test]
+fn another_layout_is_refused_by_name() {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let stranger = with_another_layout(&bench, &model);
+    let ours = messages::LidarFrame::layout_text();
+    let name = instance("python-layout");
+    let output = run(bench
+        .up(&name)
+        .args(["--exec", &format!("human={stranger}")]));
+    assert!(!output.status.success(), "{}", told(&output));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    for part in ["world/lidar", &ours, OTHER_LAYOUT] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    assert_nothing_left(&name);
+
+    let mut command = bench.up(&name);
+    let live = Live::start(command.args(["--episodes", "1000000"]), &name);
+    let (output, report) = swap(&name, &bench, &["--exec", &stranger]);
+    assert!(!output.status.success(), "{}", told(&output));
+    assert_eq!(report, Value::Null);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    for part in ["stays as it is", "world/lidar", &ours, OTHER_LAYOUT] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let (output, _) = swap(&name, &bench, &["self"]);
+    assert!(output.status.success(), "{}", told(&output));
+    end(live, &name);
+}
+
+#[test]
+fn a_killed_python_process_is_started_again() {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let name = instance("python-killed");
+    let file = bench.path("summary.json");
+    let mut command = bench.up(&name);
+    command
+        .args(["--episodes", "5", "--exec", &format!("human={model}")])
+        .arg("--summary")
+        .arg(&file);
+    let mut live = Live::start(&mut command, &name);
+    live.signal("human", libc::SIGKILL);
+    assert_eq!(live.wait().code(), Some(0));
+    live.assert_all_ended();
+    assert_nothing_left(&name);
+    let summary = summary(&file);
+    let deaths = summary["deaths"].as_array().unwrap();
+    assert_eq!(deaths.len(), 1, "{deaths:?}");
+    assert_eq!(deaths[0]["process"], "human");
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["completed"], true);
+    assert_eq!(summary["episodes"], 5);
+    no_message_lost(&summary);
+}
+
+#[test]
+fn python_ends_with_its_launcher() {
+    let Some(model) = human_model() else { return };
+    let bench = Bench::new();
+    let name = instance("python-orphan");
+    let mut command = bench.up(&name);
+    command.args(["--episodes", "1000000", "--exec"]);
+    let mut live = Live::start(command.arg(format!("human={model}")), &name);
+    live.signal("launcher", libc::SIGKILL);
+    live.wait();
+    live.wait_for_processes();
+    let output = run(bench.up(&name).args(["--episodes", "1"]));
+    assert!(output.status.success(), "{}", told(&output));
+    assert_nothing_left(&name);
+}
