@@ -115,14 +115,19 @@ pub struct ProfileArguments {
     /// Say what became slower or faster since this older profile.json
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,
-    /// Draw the slowest step
+    /// Draw a typical step and the slowest
     #[arg(long, value_name = "FILE.svg")]
     pub picture: Option<PathBuf>,
     /// Watch for so long [default: 10 if attached, else until the episodes are over]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// Afterwards, measure for so long how much watching slows a tick; a set started for this drives on meanwhile
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 5.0,
+        allow_negative_numbers = true
+    )]
     pub own_cost: f64,
     /// What to start.
     #[command(flatten, next_help_heading = "The set to start")]

@@ -146,7 +146,9 @@ fn rank_test(a: &[u64], b: &[u64]) -> f64 {
     let (mut rank_sum, mut ties) = (0.0, 0.0);
     let mut from = 0;
     while from < all.len() {
-        let equal = all[from..].iter().take_while(|(value, _)| *value == all[from].0);
+        let equal = all[from..]
+            .iter()
+            .take_while(|(value, _)| *value == all[from].0);
         let to = from + equal.count();
         let tied = (to - from) as f64;
         let rank = (from + 1 + to) as f64 / 2.0;
@@ -207,10 +209,18 @@ mod tests {
         // scipy.stats.mannwhitneyu(a, b, method="asymptotic") with and without ties.
         let a = [10, 12, 14, 16, 18, 20, 22, 24];
         let b = [11, 13, 19, 21, 23, 25, 27, 29];
-        assert!((rank_test(&a, &b) - SCIPY[0]).abs() < 1e-9, "{}", rank_test(&a, &b));
+        assert!(
+            (rank_test(&a, &b) - SCIPY[0]).abs() < 1e-9,
+            "{}",
+            rank_test(&a, &b)
+        );
         let c = [10, 10, 12, 12, 12, 13, 14, 15];
         let d = [12, 13, 14, 15, 15, 16, 16, 17];
-        assert!((rank_test(&c, &d) - SCIPY[1]).abs() < 1e-9, "{}", rank_test(&c, &d));
+        assert!(
+            (rank_test(&c, &d) - SCIPY[1]).abs() < 1e-9,
+            "{}",
+            rank_test(&c, &d)
+        );
         assert_eq!(rank_test(&[5; 8], &[5; 8]), 1.0);
     }
 

@@ -175,6 +175,9 @@ impl Samples {
                     let ns = work.began.saturating_sub(used.sent);
                     let edge = &EDGES[used.edge];
                     let is_newest = newest == Some(*used);
+                    if edge.is_limit() && !is_newest {
+                        continue;
+                    }
                     samples.add(
                         wait,
                         || {
@@ -394,7 +397,10 @@ mod tests {
         samples.push(1_000_000);
         let metric = Metric::new("", &samples, 0);
         assert_eq!((metric.p50, metric.p90, metric.p99), (500, 900, 990));
-        assert_eq!((metric.p999, metric.max, metric.count), (999, 1_000_000, 1000));
+        assert_eq!(
+            (metric.p999, metric.max, metric.count),
+            (999, 1_000_000, 1000)
+        );
         assert_eq!(metric.block_p50.len(), BLOCKS);
         assert_eq!(metric.block_p50[0], 25);
         assert!(metric.block_p99.is_empty(), "50 samples have no p99");

@@ -293,7 +293,11 @@ fn counts(observed: &Observed, processes: &BTreeMap<String, ProcessProfile>) -> 
         }
     }
     let mut lost_messages = BTreeMap::new();
-    let reported = || processes.values().filter_map(|process| process.reported.as_ref());
+    let reported = || {
+        processes
+            .values()
+            .filter_map(|process| process.reported.as_ref())
+    };
     for (topic, lost) in reported().flat_map(|reported| &reported.lost) {
         *lost_messages.entry(topic.clone()).or_default() += lost;
     }
@@ -339,9 +343,7 @@ impl Reported {
         let [first, last] = reports;
         // A restarted process began to count anew.
         let first = Some(first).filter(|first| first.pid == last.pid);
-        let since = |count: fn(&Report) -> u64| {
-            count(last).saturating_sub(first.map_or(0, count))
-        };
+        let since = |count: fn(&Report) -> u64| count(last).saturating_sub(first.map_or(0, count));
         let ports = |report: &Report| {
             let mut lost = BTreeMap::<String, u64>::new();
             for port in report.ports.iter().take(report.port_count as usize) {

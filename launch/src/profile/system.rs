@@ -38,7 +38,10 @@ pub fn usage(pid: u32) -> Option<Usage> {
     let cpu_ns = cpu_ns(pid)?;
     let at_ns = runtime::now_ns();
     let (mut queued_ns, mut threads) = (0, 0);
-    for task in std::fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten() {
+    for task in std::fs::read_dir(format!("/proc/{pid}/task"))
+        .ok()?
+        .flatten()
+    {
         threads += 1;
         let times = read_to_string(task.path().join("schedstat")).unwrap_or_default();
         let waited = times.split_ascii_whitespace().nth(1);

@@ -60,7 +60,9 @@ pub fn start(
     endless: bool,
 ) -> Result<(Started, Observer), Failure> {
     let mut command = Command::new(std::env::current_exe().context("finding our own executable")?);
-    command.arg("up").args(up_options(arguments, instance, endless));
+    command
+        .arg("up")
+        .args(up_options(arguments, instance, endless));
     command.stdin(Stdio::null()).stdout(Stdio::null());
     // Ctrl-C reaches us alone: the run ends in order.
     command.process_group(0);
@@ -88,7 +90,10 @@ pub fn start(
         }
         // Its node comes after everything that an earlier run left was removed.
         let nodes = nodes(&root, instance).unwrap_or_default();
-        if nodes.iter().any(|node| node.alive && node.process == "launcher") {
+        if nodes
+            .iter()
+            .any(|node| node.alive && node.process == "launcher")
+        {
             return Ok((started, Observer::attach(&root, instance, NODE)?));
         }
         if now_ns() > deadline {
@@ -144,7 +149,10 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         ("self-model", self_model),
         ("implants", implants),
     ] {
-        options.extend(path.iter().map(|path| format!("--{name}={}", path.display())));
+        options.extend(
+            path.iter()
+                .map(|path| format!("--{name}={}", path.display())),
+        );
     }
     options
 }
@@ -204,7 +212,9 @@ pub fn about(observer: &Observer) -> About {
         .flatten()
     {
         let path = entry.path();
-        if path.extension().is_some_and(|extension| extension == "json")
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "json")
             && let Ok(arguments) = RunArguments::read(&path)
         {
             processes.insert(arguments.process.clone(), arguments);
@@ -212,7 +222,10 @@ pub fn about(observer: &Observer) -> About {
     }
     let option = |process: &str, path: &str| {
         let options = &processes.get(process)?.options;
-        options.pointer(path).filter(|value| !value.is_null()).cloned()
+        options
+            .pointer(path)
+            .filter(|value| !value.is_null())
+            .cloned()
     };
     let text = |process, path| Some(option(process, path)?.as_str()?.to_owned());
     if let Some(world) = processes.get("world") {

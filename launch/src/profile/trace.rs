@@ -14,7 +14,8 @@ const AROUND: u32 = 250;
 const AROUND_PLANS: u32 = 40;
 
 /// A trace of the steps around these, each an episode and a step. Overlapping stretches of steps are written once.
-/// `pids`: of the processes in launch order.
+/// `pids`: of the processes in launch order. `about` goes into the file's `otherData`, with the moment of the trace's zero
+/// on the monotonic clock.
 pub fn trace(reader: &Reader, around: &[(u32, u32)], pids: &[u32], about: Value) -> Value {
     let mut windows: Vec<(u32, u32, u32)> = around
         .iter()
@@ -36,7 +37,9 @@ pub fn trace(reader: &Reader, around: &[(u32, u32)], pids: &[u32], about: Value)
         .into_iter()
         .map(|(episode, from, to)| (episode, Activity::of(reader, episode, from..=to)))
         .collect();
-    let starts = activities.iter().flat_map(|(_, activity)| &activity.stretches);
+    let starts = activities
+        .iter()
+        .flat_map(|(_, activity)| &activity.stretches);
     let start = starts.map(|stretch| stretch.from).min().unwrap_or(0);
     let mut writer = Writer {
         pids,
@@ -53,7 +56,10 @@ pub fn trace(reader: &Reader, around: &[(u32, u32)], pids: &[u32], about: Value)
             writer.flow(flow, &activity.stretches);
         }
     }
-    json!({ "traceEvents": writer.events, "displayTimeUnit": "ns", "otherData": about })
+    json!({
+        "traceEvents": writer.events, "displayTimeUnit": "ns",
+        "otherData": { "start_monotonic_ns": start, "measured": about },
+    })
 }
 
 struct Writer<'a> {
@@ -114,7 +120,10 @@ impl Writer<'_> {
             let before = after.checked_sub(1).map(|place| &stretches[place]);
             before.is_some_and(|stretch| stretch.process == process && at < stretch.to)
         };
-        let ends = [(flow.from, flow.sent.saturating_sub(1)), (flow.to, flow.used)];
+        let ends = [
+            (flow.from, flow.sent.saturating_sub(1)),
+            (flow.to, flow.used),
+        ];
         let [from, mut to] = ends;
         if !encloses(to.0, to.1) {
             to.1 = to.1.saturating_sub(1);

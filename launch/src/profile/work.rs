@@ -229,11 +229,7 @@ impl Reader<'_> {
             }
         };
         if let Some(newest) = work.newest() {
-            push(
-                Kind::Wait(EDGES[newest.edge].from),
-                newest.sent,
-                work.began,
-            );
+            push(Kind::Wait(EDGES[newest.edge].from), newest.sent, work.began);
         }
         let compute = Kind::Compute(work.output);
         let plan = (work.awaited > 0)

@@ -73,12 +73,7 @@ impl Observer {
         })
     }
 
-    fn open(
-        root: &Path,
-        instance: &str,
-        name: &str,
-        run_id: u64,
-    ) -> Result<Rc<Shared>, NodeError> {
+    fn open(root: &Path, instance: &str, name: &str, run_id: u64) -> Result<Rc<Shared>, NodeError> {
         Shared::open(&RunArguments {
             process: name.to_owned(),
             ..RunArguments::new(root, instance, run_id, ClockMode::Lockstep)?

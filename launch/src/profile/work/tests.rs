@@ -36,7 +36,10 @@ fn a_message_waits_from_its_sending_until_the_receiver_begins() {
         clock: LOCKSTEP,
     };
     let display = reader.work(Topic::Display, 0, 0).unwrap();
-    assert_eq!((display.began, display.sent, display.clamped), (120, 130, false));
+    assert_eq!(
+        (display.began, display.sent, display.clamped),
+        (120, 130, false)
+    );
     let action = reader.work(Topic::Action, 0, 0).unwrap();
     assert_eq!(action.began, 150);
     let newest = action.newest().unwrap();
@@ -103,7 +106,10 @@ fn computing_before_the_newest_input_clamps_the_wait() {
     let action = reader.work(Topic::Action, 0, 0).unwrap();
     assert!(action.clamped);
     assert_eq!(action.began, 150);
-    assert_eq!(metrics::Samples::new(&reader).of("hop comm/display → driver"), [0]);
+    assert_eq!(
+        metrics::Samples::new(&reader).of("hop comm/display → driver"),
+        [0]
+    );
 }
 
 #[test]
