@@ -1,1 +1,633 @@
-//! x
+//! `mirror profile` against other witnesses: processes that read the clock themselves, and `/proc`.
+//!
+//! This test program starts itself again as two processes of the set, belief and planner, which write down when they took a
+//! message and when they sent one.
+
+mod common;
+
+use common::{Bench, Live, assert_nothing_left, instance, mirror, run, told};
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::Deserializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
+use messages::{CommAction, LidarFrame, RobotBelief, topic};
+use runtime::{Node, Receive, RunArguments, Stamp, Wake};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const ROLE: &str = "MIRROR_TEST_ROLE";
+const LOG: &str = "MIRROR_TEST_LOG";
+
+/// The monotonic clock, read without any of the project's code.
+fn clock_ns() -> u64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: a live structure.
+    assert_eq!(
+        unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut time) },
+        0
+    );
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// Computes for so long.
+fn compute(ns: u64) {
+    let end = clock_ns() + ns;
+    while clock_ns() < end {
+        core::hint::spin_loop();
+    }
+}
+
+/// Not a test: what a process does that stands in for one of the set. Without a role it has nothing to do.
+#[test]
+fn stand_in() {
+    let Ok(role) = std::env::var(ROLE) else {
+        return;
+    };
+    let path = std::env::args().next_back().unwrap();
+    let arguments = RunArguments::read(Path::new(&path)).unwrap();
+    let mut node = Node::join(&arguments).unwrap();
+    let log = match role.as_str() {
+        "belief" => believe(&mut node),
+        "planner" => decide(&mut node),
+        other => panic!("no role {other}"),
+    };
+    std::fs::write(std::env::var(LOG).unwrap(), log).unwrap();
+    node.finish().unwrap();
+}
+
+/// Answers every frame, after some computing, with an empty belief.
+fn believe(node: &mut Node) -> String {
+    let mut frames = node
+        .input::<LidarFrame>(topic::LIDAR, Receive::InOrder)
+        .unwrap();
+    let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF).unwrap();
+    let mut log = String::new();
+    if node.ready().unwrap() == Wake::Stop {
+        return log;
+    }
+    while node.wait(&mut [&mut frames], None).unwrap() != Wake::Stop {
+        let taken = clock_ns();
+        frames.take().unwrap();
+        let header = *frames.header().unwrap();
+        compute(20_000 + u64::from(header.step % 7) * 10_000);
+        let before = clock_ns();
+        beliefs.send_with(Stamp::of(&header), |_| {}).unwrap();
+        let after = clock_ns();
+        node.end_step();
+        writeln!(log, "{taken} {before} {after}").unwrap();
+    }
+    log
+}
+
+/// Answers every belief with an empty decision.
+fn decide(node: &mut Node) -> String {
+    let mut beliefs = node
+        .input::<RobotBelief>(topic::ROBOT_BELIEF, Receive::InOrder)
+        .unwrap();
+    let decisions = node.output::<CommAction>(topic::COMM_ACTION).unwrap();
+    let mut log = String::new();
+    if node.ready().unwrap() == Wake::Stop {
+        return log;
+    }
+    while node.wait(&mut [&mut beliefs], None).unwrap() != Wake::Stop {
+        let taken = clock_ns();
+        beliefs.take().unwrap();
+        let header = *beliefs.header().unwrap();
+        compute(5_000);
+        let before = clock_ns();
+        decisions
+            .send_with(Stamp::of(&header).next(), |decision| decision.reason = 1)
+            .unwrap();
+        let after = clock_ns();
+        node.end_step();
+        writeln!(log, "{taken} {before} {after}").unwrap();
+    }
+    log
+}
+
+/// What a stand-in wrote down about a step.
+#[derive(Clone, Copy, Debug)]
+struct Witnessed {
+    /// After the wait for the input had ended.
+    taken: u64,
+    /// Before the output was sent.
+    before: u64,
+    /// After it.
+    after: u64,
+}
+
+fn witnessed(path: &Path) -> Vec<Witnessed> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let line = |line: &str| {
+        let mut numbers = line.split(' ').map(|word| word.parse().unwrap());
+        Witnessed {
+            taken: numbers.next().unwrap(),
+            before: numbers.next().unwrap(),
+            after: numbers.next().unwrap(),
+        }
+    };
+    text.lines().map(line).collect()
+}
+
+/// A slice of the trace, on the monotonic clock.
+#[derive(Clone, Copy, Debug)]
+struct Slice {
+    from: u64,
+    to: u64,
+}
+
+struct Trace {
+    events: Vec<Value>,
+    start: u64,
+    pids: BTreeMap<String, u64>,
+}
+
+impl Trace {
+    fn read(directory: &Path) -> Self {
+        let trace = json(&directory.join("trace.json"));
+        let events = trace["traceEvents"].as_array().unwrap().clone();
+        let pids = events
+            .iter()
+            .filter(|event| event["name"] == "process_name")
+            .map(|event| {
+                let name = event["args"]["name"].as_str().unwrap().to_owned();
+                (name, event["pid"].as_u64().unwrap())
+            })
+            .collect();
+        let start = trace["otherData"]["start_monotonic_ns"].as_u64().unwrap();
+        Self {
+            events,
+            start,
+            pids,
+        }
+    }
+
+    fn ns(&self, us: &Value) -> u64 {
+        self.start + (us.as_f64().unwrap() * 1000.0).round() as u64
+    }
+
+    fn slices(&self, process: &str, name: &str) -> Vec<Slice> {
+        let pid = self.pids[process];
+        let is = |event: &&Value| event["ph"] == "X" && event["pid"] == pid;
+        self.events
+            .iter()
+            .filter(is)
+            .filter(|event| event["name"].as_str().unwrap().starts_with(name))
+            .map(|event| {
+                let from = self.ns(&event["ts"]);
+                let length = (event["dur"].as_f64().unwrap() * 1000.0).round() as u64;
+                Slice {
+                    from,
+                    to: from + length,
+                }
+            })
+            .collect()
+    }
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// `mirror profile` of a set of its own, without planning.
+fn profile(bench: &Bench, out: &Path) -> Command {
+    let mut command = mirror();
+    command.args(["profile", "--human", "self", "--planner", "none"]);
+    command
+        .arg("--self-model")
+        .arg(bench.path("self.safetensors"));
+    command.arg("--out").arg(out);
+    command
+}
+
+fn assert_well(output: &Output) {
+    assert!(output.status.success(), "{}", told(output));
+}
+
+/// The command line that runs this test program as a process of the set.
+fn stands_in(process: &str, log: &Path) -> String {
+    format!(
+        "{process}=env {ROLE}={process} {LOG}={} {} --exact stand_in --nocapture --test-threads=1",
+        log.display(),
+        std::env::current_exe().unwrap().display()
+    )
+}
+
+#[test]
+fn hops_and_compute_times_agree_with_those_who_read_the_clock_themselves() {
+    let bench = Bench::new();
+    let out = bench.path("out");
+    let logs = ["belief", "planner"].map(|process| bench.path(&format!("{process}.log")));
+    let name = instance("witness");
+    let output = run(profile(&bench, &out)
+        .args(["--episodes", "2", "--own-cost", "0", "--instance", &name])
+        .args(["--exec", &stands_in("belief", &logs[0])])
+        .args(["--exec", &stands_in("planner", &logs[1])]));
+    assert_well(&output);
+    assert_nothing_left(&name);
+    let trace = Trace::read(&out);
+    let [belief, planner] = logs.map(|log| witnessed(&log));
+    let checked = [
+        check_compute(&trace, "belief", "computes belief/robot", &belief),
+        check_compute(&trace, "planner", "computes comm/action", &planner),
+    ];
+    assert!(checked.iter().all(|checked| *checked > 40), "{checked:?}");
+
+    // The hop from belief to planner: from its sending until the planner begins.
+    let (mut told, mut seen) = (Vec::new(), Vec::new());
+    for slice in trace.slices("planner", "begins late: belief/robot") {
+        let sender = belief
+            .iter()
+            .find(|step| (step.before..=step.after).contains(&slice.from));
+        let receiver = planner.iter().find(|step| step.taken >= slice.to);
+        let (Some(sender), Some(receiver)) = (sender, receiver) else {
+            panic!("{slice:?} is no hop that both saw");
+        };
+        // Nobody can have begun later than the moment when they had it in hand.
+        assert!(
+            slice.to - slice.from <= receiver.taken - sender.before,
+            "{slice:?} {sender:?} {receiver:?}"
+        );
+        told.push(slice.to - slice.from);
+        seen.push(receiver.taken - sender.after);
+    }
+    assert!(told.len() > 40, "{}", told.len());
+    let median = |values: &mut Vec<u64>| {
+        values.sort_unstable();
+        values[values.len() / 2]
+    };
+    println!(
+        "hop belief → planner, {} steps: the profiler says {} ns, the two processes {} ns (medians)",
+        told.len(),
+        median(&mut told),
+        median(&mut seen)
+    );
+}
+
+/// Every slice is a step that the process saw too: sent between its clock readings around sending, begun no later than it
+/// had its input, and no earlier than its step before ended. Returns how many there were.
+fn check_compute(trace: &Trace, process: &str, name: &str, steps: &[Witnessed]) -> usize {
+    let slices = trace.slices(process, name);
+    for slice in &slices {
+        let place = steps
+            .iter()
+            .position(|step| (step.before..=step.after).contains(&slice.to));
+        let place = place.unwrap_or_else(|| panic!("{process}: nothing was sent at {slice:?}"));
+        let step = steps[place];
+        assert!(slice.from <= step.taken, "{process}: {slice:?} {step:?}");
+        if let Some(previous) = place.checked_sub(1).map(|place| steps[place]) {
+            assert!(
+                slice.from >= previous.after,
+                "{process}: {slice:?} {step:?}"
+            );
+        }
+    }
+    slices.len()
+}
+
+/// User and system time of a process, from `/proc`, in seconds, and how finely the kernel counts it.
+fn cpu_s(pid: u32) -> (f64, f64) {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let after_name = &stat[stat.rfind(')').unwrap() + 2..];
+    let fields: Vec<&str> = after_name.split(' ').collect();
+    let ticks: u64 = fields[11].parse::<u64>().unwrap() + fields[12].parse::<u64>().unwrap();
+    // SAFETY: no arguments to get wrong.
+    let per_second = unsafe { libc::sysconf(libc::_SC_CLK_TCK) } as f64;
+    (ticks as f64 / per_second, 1.0 / per_second)
+}
+
+#[test]
+fn attached_it_disturbs_nobody_and_agrees_with_proc() {
+    let bench = Bench::new();
+    let out = bench.path("out");
+    let name = instance("attach");
+    let mut live = Live::start(bench.up(&name).args(["--episodes", "1000000"]), &name);
+    let before: BTreeMap<String, f64> = live
+        .processes
+        .iter()
+        .map(|(process, pid)| (process.clone(), cpu_s(*pid).0))
+        .collect();
+    let output = run(mirror()
+        .args(["profile", "--attach", &name, "--seconds", "1.5"])
+        .args(["--own-cost", "1", "--out"])
+        .arg(&out));
+    assert_well(&output);
+    let profile = json(&out.join("profile.json"));
+    assert_eq!(profile["schema"], "mirror.profile/1");
+    assert_eq!(profile["measured"]["attached"], true);
+    assert_eq!(profile["measured"]["clock"], "lockstep");
+    assert_eq!(profile["measured"]["planner"], "none");
+    for (process, pid) in &live.processes {
+        let seen = &profile["processes"][process];
+        assert_eq!(seen["pid"], *pid, "{process}");
+        let at = |moment: usize| seen["cpu_s"][moment].as_f64().unwrap();
+        let (after, tick) = cpu_s(*pid);
+        // What the kernel shows is rounded down, user and system time each.
+        assert!(before[process] <= at(0), "{process}: {seen}");
+        assert!(at(0) <= at(1), "{process}: {seen}");
+        assert!(at(1) <= after + 2.0 * tick, "{process}: {seen} {after}");
+        assert!(seen["rss_kib"].as_u64().unwrap() > 0, "{process}: {seen}");
+    }
+    // It saw the run from the inside, and whole; the processes answered when asked.
+    let counts = &profile["counts"];
+    assert!(counts["steps"].as_u64().unwrap() > 20, "{counts}");
+    for process in ["world", "driver", "belief", "human", "planner", "renderer"] {
+        let reported = &profile["processes"][process]["reported"];
+        assert!(
+            reported["steps"].as_u64().unwrap() > 20,
+            "{process}: {reported}"
+        );
+        let metric = &profile["metrics"][format!("compute {process}")];
+        for (low, high) in [
+            ("p50", "p90"),
+            ("p90", "p99"),
+            ("p99", "p999"),
+            ("p999", "max"),
+        ] {
+            assert!(metric[low].as_u64() <= metric[high].as_u64(), "{metric}");
+        }
+    }
+    assert!(profile["own"]["cpu_s"].as_f64().unwrap() > 0.0);
+    assert!(profile["own"]["slowdown"]["turns"].as_u64().unwrap() >= 6);
+    // The set drives on, loses nothing, and ends as always.
+    live.signal("launcher", libc::SIGTERM);
+    assert_eq!(live.wait().code(), Some(1));
+    assert_nothing_left(&name);
+}
+
+#[test]
+fn a_run_that_ends_while_watched_leaves_nothing() {
+    let bench = Bench::new();
+    let name = instance("ends");
+    let out = bench.path("out");
+    let live = Live::start(bench.up(&name).args(["--episodes", "1000000"]), &name);
+    let mut child = mirror()
+        .args(["profile", "--attach", &name, "--seconds", "600", "--out"])
+        .arg(&out)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // It is there once its node is.
+    let root = runtime::instance::default_root();
+    while !runtime::instance::nodes(&root, &name)
+        .unwrap()
+        .iter()
+        .any(|node| node.process == "profile")
+    {
+        assert!(child.try_wait().unwrap().is_none(), "it did not attach");
+    }
+    live.signal("launcher", libc::SIGTERM);
+    let status = child.wait().unwrap();
+    // With bad luck the run ends before a step was seen, which it says.
+    assert!(matches!(status.code(), Some(0 | 1)), "{status}");
+    drop(live);
+    assert_nothing_left(&name);
+}
+
+#[test]
+fn its_files_open_elsewhere_and_compare() {
+    let bench = Bench::new();
+    let out = bench.path("out");
+    let picture = bench.path("step.svg");
+    let output = run(profile(&bench, &out)
+        .args(["--episodes", "20", "--own-cost", "0", "--picture"])
+        .arg(&picture));
+    assert_well(&output);
+    let text = std::fs::read_to_string(&picture).unwrap();
+    roxmltree::Document::parse(&text).unwrap();
+    let profile_json = out.join("profile.json");
+    let profile = json(&profile_json);
+    check_histograms(&out, &profile);
+    check_trace(&Trace::read(&out));
+    for which in ["typical", "slowest"] {
+        let trace = &profile[which];
+        let path = trace["path"].as_array().unwrap();
+        let mut at = 0;
+        for span in path {
+            assert_eq!(span["from_ns"], at, "{which}: a gap in {path:?}");
+            at = span["to_ns"].as_i64().unwrap();
+        }
+        assert_eq!(trace["latency_ns"], at, "{which}");
+    }
+    assert_eq!(
+        profile["slowest"]["latency_ns"],
+        profile["metrics"]["tick"]["max"]
+    );
+    assert_eq!(profile["counts"]["missed_deadlines"], 0);
+
+    // The same figures, ten times as long, were slower by a factor of ten.
+    let mut slow = profile.clone();
+    for (_, metric) in slow["metrics"].as_object_mut().unwrap() {
+        for (_, value) in metric.as_object_mut().unwrap().iter_mut() {
+            match value {
+                Value::Array(values) => {
+                    for value in values {
+                        *value = (value.as_u64().unwrap() * 10).into();
+                    }
+                }
+                Value::Number(number) if number.is_u64() => {
+                    *value = (number.as_u64().unwrap() * 10).into()
+                }
+                _ => {}
+            }
+        }
+    }
+    let older = bench.write("older.json", slow.to_string());
+    let now = bench.path("now");
+    let output = run(self::profile(&bench, &now)
+        .args(["--episodes", "20", "--own-cost", "0", "--against"])
+        .arg(&older));
+    assert_well(&output);
+    let changes = json(&now.join("changes.json"));
+    let compute = changes
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|change| change["figure"] == "compute world p50")
+        .unwrap()
+        .clone();
+    assert_eq!(compute["verdict"], "faster", "{compute}");
+}
+
+/// The interval log decodes with HdrHistogram's own reader, one histogram per figure, nothing left out.
+fn check_histograms(out: &Path, profile: &Value) {
+    let log = std::fs::read(out.join("profile.hlog")).unwrap();
+    let mut counts = BTreeMap::new();
+    for entry in IntervalLogIterator::new(&log) {
+        if let LogEntry::Interval(interval) = entry.unwrap() {
+            let bytes = base64(interval.encoded_histogram());
+            let histogram: Histogram<u64> =
+                Deserializer::new().deserialize(&mut &bytes[..]).unwrap();
+            let tag = interval.tag().unwrap().as_str().to_owned();
+            counts.insert(tag, (histogram.len(), histogram.max()));
+        }
+    }
+    let metrics = profile["metrics"].as_object().unwrap();
+    assert_eq!(counts.len(), metrics.len());
+    for (name, metric) in metrics {
+        let tag = name.replace('→', "to").replace(' ', "_");
+        let (count, max) = counts[&tag];
+        assert_eq!(metric["count"], count, "{name}");
+        let exact = metric["max"].as_u64().unwrap();
+        assert!(
+            max >= exact && max as f64 <= 1.002 * exact as f64 + 1.0,
+            "{name}: {max} {exact}"
+        );
+    }
+}
+
+/// Base64 with padding, as an interval log carries it.
+fn base64(text: &str) -> Vec<u8> {
+    let (mut bytes, mut bits, mut held) = (Vec::new(), 0u32, 0);
+    for letter in text.bytes().filter(|letter| *letter != b'=') {
+        let value = match letter {
+            b'A'..=b'Z' => letter - b'A',
+            b'a'..=b'z' => letter - b'a' + 26,
+            b'0'..=b'9' => letter - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            other => panic!("{other} is no base64"),
+        };
+        bits = bits << 6 | u32::from(value);
+        held += 6;
+        if held >= 8 {
+            held -= 8;
+            bytes.push((bits >> held) as u8);
+        }
+    }
+    bytes
+}
+
+/// What Perfetto asks of a trace: slices of a track do not overlap, and every arrow begins and ends in a slice.
+fn check_trace(trace: &Trace) {
+    let mut slices: BTreeMap<u64, Vec<Slice>> = BTreeMap::new();
+    for process in trace.pids.keys() {
+        let mut of_process = trace.slices(process, "");
+        of_process.sort_by_key(|slice| slice.from);
+        for pair in of_process.windows(2) {
+            assert!(pair[0].to <= pair[1].from, "{process}: {pair:?}");
+        }
+        slices.insert(trace.pids[process], of_process);
+    }
+    let mut ends: BTreeMap<u64, Vec<(String, u64)>> = BTreeMap::new();
+    for event in &trace.events {
+        let phase = event["ph"].as_str().unwrap();
+        assert!(["M", "X", "s", "f"].contains(&phase), "{event}");
+        if phase == "s" || phase == "f" {
+            let at = trace.ns(&event["ts"]);
+            let inside = slices[&event["pid"].as_u64().unwrap()]
+                .iter()
+                .any(|slice| slice.from <= at && at < slice.to);
+            assert!(inside, "{event} is in no slice");
+            let id = event["id"].as_u64().unwrap();
+            ends.entry(id).or_default().push((phase.to_owned(), at));
+        }
+    }
+    assert!(ends.len() > 100, "{} arrows", ends.len());
+    for (id, ends) in ends {
+        let [(start, from), (finish, to)] = &ends[..] else {
+            panic!("arrow {id}: {ends:?}");
+        };
+        assert_eq!((start.as_str(), finish.as_str()), ("s", "f"));
+        assert!(from <= to, "arrow {id} goes back in time");
+    }
+}
+
+/// A scene in which planning takes moments, and an episode ends soon.
+const QUICK: &str = "name = \"quick\"
+[planning]
+horizon = 2
+samples = 24
+elites = 6
+iterations = 2
+[episode]
+max_steps = 40
+";
+
+#[test]
+fn plans_are_followed_into_the_human_model_and_back() {
+    let bench = Bench::new();
+    let scene = bench.write("quick.toml", QUICK);
+    for clock in ["lockstep", "realtime"] {
+        let out = bench.path(clock);
+        let output = run(mirror()
+            .args([
+                "profile",
+                "--human",
+                "self",
+                "--clock",
+                clock,
+                "--episodes",
+                "1",
+            ])
+            .args(["--own-cost", "0", "--self-model"])
+            .arg(bench.path("self.safetensors"))
+            .arg("--scene")
+            .arg(&scene)
+            .arg("--out")
+            .arg(&out));
+        assert_well(&output);
+        let profile = json(&out.join("profile.json"));
+        assert_eq!(profile["measured"]["clock"], clock);
+        assert_eq!(profile["measured"]["planner"], "ce");
+        let metric = |name: &str| profile["metrics"][name].clone();
+        let plans = metric("compute planner")["count"].as_u64().unwrap();
+        assert!(plans > 5, "{clock}: {plans} plans");
+        assert_eq!(metric("planner awaits answers")["count"], plans, "{clock}");
+        assert!(metric("compute human answers")["count"].as_u64().unwrap() > 5);
+        // The planner cannot wait for longer than from its input to its output.
+        let awaited = metric("planner awaits answers")["max"].as_u64().unwrap();
+        assert!(awaited <= metric("sensing to decision")["max"].as_u64().unwrap());
+        check_trace(&Trace::read(&out));
+    }
+}
+
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = run(mirror().arg("profile").args(arguments));
+    assert_eq!(
+        output.status.code(),
+        Some(2),
+        "{arguments:?}: {}",
+        told(&output)
+    );
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    for word in words {
+        assert!(
+            error.contains(word),
+            "{arguments:?}: no {word:?} in {error}"
+        );
+    }
+    assert!(!error.contains("panicked"), "{arguments:?}: {error}");
+}
+
+#[test]
+fn what_cannot_be_used_is_refused() {
+    let bench = Bench::new();
+    let path = |path: &PathBuf| path.to_str().unwrap().to_owned();
+    refused(&["--attach", "nobody-runs-this"], &["nobody-runs-this"]);
+    refused(&["--attach", "a/b"], &["a/b"]);
+    refused(&["--attach", "x", "--scene", "highway-fog"], &["--attach"]);
+    refused(&["--scene", "the-moon"], &["the-moon"]);
+    refused(&["--seconds", "0"], &["--seconds"]);
+    refused(&["--own-cost", "-1"], &["--own-cost"]);
+    let missing = path(&bench.path("missing.json"));
+    refused(&["--against", &missing], &["missing.json"]);
+    let garbage = path(&bench.write("garbage.json", [0xff, 0, 7]));
+    refused(&["--against", &garbage], &["garbage.json"]);
+    let other = path(&bench.write("other.json", "{\"schema\": \"mirror.profile/9\"}"));
+    refused(
+        &["--against", &other],
+        &["other.json", "mirror.profile/9", "mirror.profile/1"],
+    );
+    let hollow = path(&bench.write("hollow.json", "{\"schema\": \"mirror.profile/1\"}"));
+    refused(&["--against", &hollow], &["hollow.json", "measured"]);
+    let file = path(&bench.write("file", "no folder"));
+    refused(&["--out", &file], &["file"]);
+    refused(&["--out", &format!("{file}/below")], &["below"]);
+    refused(&["--picture", "/nowhere/step.svg"], &["/nowhere/step.svg"]);
+}

@@ -152,7 +152,7 @@ pub struct ProfileArguments {
     /// Say what became slower or faster since this older profile.json
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,
-    /// Draw the slowest step
+    /// Draw a typical step and the slowest
     #[arg(long, value_name = "FILE.svg")]
     pub picture: Option<PathBuf>,
     /// Watch for so long [default: 10 if attached, else until the episodes are over]

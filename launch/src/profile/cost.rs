@@ -4,11 +4,16 @@
 //! world did while nobody watched is known from its sequence numbers before and after. Each turn without a watcher is
 //! compared with the mean of its two neighbours with one, so that a slow drift of the machine's load cancels. The
 //! median of these ratios is stated with a distribution-free interval (order statistics).
+//!
+//! The same is done with the processor time that the set uses for a tick: it holds what senders do more for one more
+//! subscriber, and, unlike the tick, hardly changes where other work keeps the machine busy.
 
+use super::system::cpu_ns;
 use super::table::Table;
 use super::watch::{Ports, Watch, own};
 use anyhow::Result;
-use runtime::{ObserverWake, now_ns};
+use messages::{Outcome, topic};
+use runtime::{Input, ObserverWake, now_ns};
 use serde::{Deserialize, Serialize};
 
 /// A turn lasts at least so long …
@@ -17,6 +22,10 @@ const TURN_NS: u64 = 200_000_000;
 const TURN_TICKS: u64 = 20;
 /// Turns without a watcher, at least: fewer have no interval worth stating.
 const FEWEST: usize = 6;
+/// After subscribers came or went.
+const SETTLE_NS: u64 = 30_000_000;
+/// Between two looks for an outcome.
+const MARKER_NS: u64 = 500_000;
 /// How sure the interval shall be.
 const CONFIDENCE: f64 = 0.95;
 
@@ -31,78 +40,194 @@ pub struct Cost {
     pub tick_watched_us: f64,
     /// The same while nobody watched.
     pub tick_alone_us: f64,
-    /// Median of (tick watched / tick alone − 1).
-    pub slower: f64,
-    /// Its interval.
-    pub slower_interval: [f64; 2],
-    /// How sure the interval is.
+    /// How much longer a tick is: tick watched / tick alone − 1.
+    pub slower: Ratio,
+    /// Median over turns of the processor time that the set uses for a tick, watched …
+    pub cpu_watched_us: f64,
+    /// … and alone.
+    pub cpu_alone_us: f64,
+    /// How much more that is.
+    pub more_cpu: Ratio,
+    /// How sure the intervals are.
     pub confidence: f64,
     /// Processor time that the watcher used while it watched, as a share of one core.
     pub cpu_share: f64,
+}
+
+/// A median over turns, less one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ratio {
+    /// The median.
+    pub median: f64,
+    /// Its interval.
+    pub interval: [f64; 2],
+}
+
+/// What was measured in one turn.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    /// Mean tick, in ns.
+    tick: f64,
+    /// Processor time of the set for a tick, in ns.
+    cpu: f64,
+}
+
+/// Processor time of the set so far, and the time, in ns.
+fn set_cpu(pids: &[u32]) -> (u64, u64) {
+    let cpu = pids.iter().filter_map(|pid| cpu_ns(*pid)).sum();
+    (cpu, now_ns())
 }
 
 /// Measures for at least `seconds`; none if the run ends before there is enough to tell, or for a signal.
 ///
 /// # Errors
 /// When a port fails.
-pub fn measure(watch: &mut Watch, seconds: f64, tick_ns: u64) -> Result<Option<Cost>> {
+pub fn measure(
+    watch: &mut Watch,
+    pids: &[u32],
+    seconds: f64,
+    tick_ns: u64,
+) -> Result<Option<Cost>> {
     let turn_ns = TURN_NS.max(TURN_TICKS * tick_ns);
     let turns = FEWEST.max((seconds * 1e9 / (2 * turn_ns) as f64).round() as usize);
     let (mut watched, mut alone) = (Vec::new(), Vec::new());
-    let mut before: Option<(u64, u64)> = None;
-    let mut cpu = (0, 0);
+    let mut own_cpu = (0, 0);
+    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, one subscriber of
+    // outcomes, stays until the others are gone, and comes back before them.
+    let mut left: Option<Moment> = None;
     for turn in 0..=turns {
-        let began = own();
-        let mut ports = Ports::attach(&watch.observer)?;
-        let end = now_ns() + turn_ns;
-        let mut table = Table::default();
-        while now_ns() < end {
-            if watch.observer.sleep(now_ns() + ports.pause_ns())? != ObserverWake::Deadline {
-                return Ok(None);
-            }
-            ports.drain(&mut table)?;
-        }
-        let ended = own();
-        cpu.0 += ended.cpu_ns - began.cpu_ns;
-        cpu.1 += ended.at_ns - began.at_ns;
-        let Some([first, last]) = ports.outcomes else {
+        let mut marker = watch.observer.input::<Outcome>(topic::OUTCOME)?;
+        let Some(first) = moment(watch, &mut marker, pids)? else {
             return Ok(None);
         };
+        alone.extend(left.and_then(|left| first.since(&left)));
+        let mut ports = Ports::attach(&watch.observer)?;
+        let Some(settled) = settle(watch, Some(&mut ports), &mut marker, pids)? else {
+            return Ok(None);
+        };
+        let began = own();
+        if !look_on(watch, &mut ports, turn_ns)? {
+            return Ok(None);
+        }
+        let ended = own();
+        own_cpu.0 += ended.cpu_ns - began.cpu_ns;
+        own_cpu.1 += ended.at_ns - began.at_ns;
+        let Some(last) = moment(watch, &mut marker, pids)? else {
+            return Ok(None);
+        };
+        watched.extend(last.since(&settled));
         drop(ports);
-        alone.extend(before.and_then(|before| mean_tick(before, first)));
-        watched.extend(mean_tick(first, last));
-        before = Some(last);
+        left = settle(watch, None, &mut marker, pids)?;
+        drop(marker);
         if turn < turns && watch.observer.sleep(now_ns() + turn_ns)? != ObserverWake::Deadline {
             return Ok(None);
         }
     }
-    Ok(cost(&watched, &alone, turn_ns, cpu))
+    Ok(cost(&watched, &alone, turn_ns, own_cpu))
 }
 
-/// Mean tick, in ns, between two outcomes: sequence number and time each.
-fn mean_tick(from: (u64, u64), to: (u64, u64)) -> Option<f64> {
-    let steps = to.0.checked_sub(from.0).filter(|steps| *steps > 0)?;
-    Some(to.1.saturating_sub(from.1) as f64 / steps as f64)
+/// A moment of the run.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    /// Sequence number of the newest outcome, and when it was sent.
+    outcome: (u64, u64),
+    /// Processor time of the set so far, and when it was read.
+    cpu: (u64, u64),
 }
 
-fn cost(watched: &[f64], alone: &[f64], turn_ns: u64, cpu: (u64, u64)) -> Option<Cost> {
+impl Moment {
+    fn since(&self, before: &Self) -> Option<Turn> {
+        let steps = self.outcome.0.checked_sub(before.outcome.0)?;
+        let tick = self.outcome.1.saturating_sub(before.outcome.1) as f64 / steps.max(1) as f64;
+        let cpu = busy(before.cpu, self.cpu) * tick;
+        (steps > 0).then_some(Turn { tick, cpu })
+    }
+}
+
+/// Waits for the next outcome; none if the run ends, or for a signal.
+fn moment(watch: &mut Watch, marker: &mut Input<Outcome>, pids: &[u32]) -> Result<Option<Moment>> {
+    while marker.take()? {}
+    let since = now_ns();
+    loop {
+        let mut newest = None;
+        while let Some(outcome) = marker.next()? {
+            newest = Some((outcome.header.sequence, outcome.header.sent_ns));
+        }
+        if let Some(outcome) = newest.filter(|(_, sent)| *sent >= since) {
+            let cpu = set_cpu(pids);
+            return Ok(Some(Moment { outcome, cpu }));
+        }
+        if watch.observer.sleep(now_ns() + MARKER_NS)? != ObserverWake::Deadline {
+            return Ok(None);
+        }
+    }
+}
+
+/// Lets ports that came or went settle, then takes the moment.
+fn settle(
+    watch: &mut Watch,
+    ports: Option<&mut Ports>,
+    marker: &mut Input<Outcome>,
+    pids: &[u32],
+) -> Result<Option<Moment>> {
+    let calm = match ports {
+        Some(ports) => look_on(watch, ports, SETTLE_NS)?,
+        None => watch.observer.sleep(now_ns() + SETTLE_NS)? == ObserverWake::Deadline,
+    };
+    if calm {
+        moment(watch, marker, pids)
+    } else {
+        Ok(None)
+    }
+}
+
+/// Watches for so long; false if the run ends, or for a signal.
+fn look_on(watch: &mut Watch, ports: &mut Ports, ns: u64) -> Result<bool> {
+    let mut table = Table::default();
+    let end = now_ns() + ns;
+    while now_ns() < end {
+        if watch.observer.sleep(now_ns() + ports.pause_ns())? != ObserverWake::Deadline {
+            return Ok(false);
+        }
+        ports.drain(&mut table)?;
+    }
+    Ok(true)
+}
+
+/// Cores' worth of processor time between two moments.
+fn busy(from: (u64, u64), to: (u64, u64)) -> f64 {
+    to.0.saturating_sub(from.0) as f64 / to.1.saturating_sub(from.1).max(1) as f64
+}
+
+fn cost(watched: &[Turn], alone: &[Turn], turn_ns: u64, cpu: (u64, u64)) -> Option<Cost> {
     if alone.len() < FEWEST || watched.len() != alone.len() + 1 {
         return None;
     }
-    let mut slower: Vec<f64> = alone
-        .iter()
-        .zip(watched.windows(2))
-        .map(|(alone, around)| (around[0] + around[1]) / 2.0 / alone - 1.0)
-        .collect();
-    slower.sort_by(f64::total_cmp);
-    let (from, confidence) = median_interval(slower.len(), CONFIDENCE);
+    let (cut, confidence) = median_interval(alone.len(), CONFIDENCE);
+    let ratio = |of: fn(&Turn) -> f64| {
+        let mut ratios: Vec<f64> = alone
+            .iter()
+            .zip(watched.windows(2))
+            .map(|(alone, around)| (of(&around[0]) + of(&around[1])) / 2.0 / of(alone) - 1.0)
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        Ratio {
+            median: median(&ratios),
+            interval: [ratios[cut], ratios[ratios.len() - 1 - cut]],
+        }
+    };
+    let middle_us = |turns: &[Turn], of: fn(&Turn) -> f64| {
+        median(&turns.iter().map(of).collect::<Vec<_>>()) * 1e-3
+    };
     Some(Cost {
         turns: alone.len(),
         turn_ms: turn_ns as f64 * 1e-6,
-        tick_watched_us: median(watched) * 1e-3,
-        tick_alone_us: median(alone) * 1e-3,
-        slower: median(&slower),
-        slower_interval: [slower[from], slower[slower.len() - 1 - from]],
+        tick_watched_us: middle_us(watched, |turn| turn.tick),
+        tick_alone_us: middle_us(alone, |turn| turn.tick),
+        slower: ratio(|turn| turn.tick),
+        cpu_watched_us: middle_us(watched, |turn| turn.cpu),
+        cpu_alone_us: middle_us(alone, |turn| turn.cpu),
+        more_cpu: ratio(|turn| turn.cpu),
         confidence,
         cpu_share: cpu.0 as f64 / cpu.1.max(1) as f64,
     })
@@ -153,12 +278,16 @@ mod tests {
 
     #[test]
     fn a_drift_cancels() {
-        // 10 % slower while watched, on a machine that gets 1 % slower with every turn.
-        let drift = |turn: usize| 100.0 + turn as f64;
-        let watched: Vec<f64> = (0..=8).map(|turn| 1.1 * drift(2 * turn)).collect();
-        let alone: Vec<f64> = (0..8).map(|turn| drift(2 * turn + 1)).collect();
+        // 10 % slower and 5 % more processor time while watched, on a machine that gets 1 % slower with every turn.
+        let turn = |turn: usize, tick: f64, cpu: f64| Turn {
+            tick: tick * (100.0 + turn as f64),
+            cpu: cpu * (100.0 + turn as f64),
+        };
+        let watched: Vec<Turn> = (0..=8).map(|place| turn(2 * place, 1.1, 1.05)).collect();
+        let alone: Vec<Turn> = (0..8).map(|place| turn(2 * place + 1, 1.0, 1.0)).collect();
         let cost = cost(&watched, &alone, 1, (1, 100)).unwrap();
-        assert!((cost.slower - 0.1).abs() < 1e-9, "{cost:?}");
+        assert!((cost.slower.median - 0.1).abs() < 1e-9, "{cost:?}");
+        assert!((cost.more_cpu.median - 0.05).abs() < 1e-9, "{cost:?}");
         assert!(super::cost(&watched[..4], &alone[..3], 1, (1, 1)).is_none());
     }
 }

@@ -155,6 +155,11 @@ impl Edge {
         }
     }
 
+    /// Whether it only limits how far a process may be behind, so that it is waited for only where that happens.
+    pub fn is_limit(&self) -> bool {
+        self.step < -1
+    }
+
     /// Such as `comm/display → driver`.
     pub fn name(&self) -> String {
         format!("{} → {}", self.from.name(), NAMES[self.to.sender()])

@@ -175,6 +175,9 @@ impl Samples {
                     let ns = work.began.saturating_sub(used.sent);
                     let edge = &EDGES[used.edge];
                     let is_newest = newest == Some(*used);
+                    if edge.is_limit() && !is_newest {
+                        continue;
+                    }
                     samples.add(
                         wait,
                         || {

@@ -70,7 +70,13 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     if arguments.own_cost > 0.0 && matches!(observed.end, End::Enough | End::Full) {
         screen.status("measuring what watching costs".to_owned());
         let tick = Metric::new("", Samples::new(&observed.reader()).of(metrics::TICK), 0);
-        slowdown = cost::measure(&mut watch, arguments.own_cost, tick.p50)?;
+        let pids: Vec<u32> = observed
+            .processes
+            .iter()
+            .map(|process| process.pid)
+            .filter(|pid| *pid != 0)
+            .collect();
+        slowdown = cost::measure(&mut watch, &pids, arguments.own_cost, tick.p50)?;
     }
     let wrong = watch.end();
     screen.finish();
@@ -184,28 +190,33 @@ fn save(
     save_json(&directory.join("trace.json"), &trace)
 }
 
-/// Draws the slowest step.
+/// Draws a typical step and the slowest.
 fn draw(path: &Path, profile: &Profile) -> Result<()> {
-    let Some(trace) = &profile.slowest else {
-        return Ok(());
-    };
     let about = &profile.measured.about;
     let or = |text: &Option<String>| text.clone().unwrap_or_else(|| "?".to_owned());
-    let title = format!(
-        "The slowest of {} steps: episode {}, step {}, {:.1} µs",
-        profile.counts.steps,
-        trace.episode,
-        trace.step,
-        trace.latency_ns as f64 / 1000.0
-    );
     let subtitle = format!(
-        "scene {} · human model {} · planner {} · {} cores, others kept {:.2} busy",
+        "scene {} · human model {} · planner {} · {} cores, of which others kept {:.2} busy",
         or(&about.scene),
         or(&about.human),
         or(&about.planner),
         profile.measured.cores,
         profile.measured.others_busy_cores
     );
-    let drawing = picture::svg(trace, &title, &subtitle);
+    let steps = profile.counts.steps;
+    let panel = |which: &str, trace: &Option<Trace>| {
+        let trace = trace.as_ref()?;
+        let ms = trace.latency_ns as f64 * 1e-6;
+        let (episode, step) = (trace.episode, trace.step);
+        let title = format!("{which} of {steps} steps: episode {episode}, step {step}, {ms:.3} ms");
+        Some((title, trace.clone()))
+    };
+    let panels: Vec<(String, Trace)> = [
+        panel("The median", &profile.typical),
+        panel("The slowest", &profile.slowest),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let drawing = picture::svg(&panels, &subtitle);
     std::fs::write(path, drawing).with_context(|| path.display().to_string())
 }

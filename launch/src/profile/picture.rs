@@ -1,4 +1,4 @@
-//! `--picture FILE.svg`: one step in all processes, with arrows along the messages and the critical path marked.
+//! `--picture FILE.svg`: a typical step and the slowest in all processes, with arrows along the messages and the critical path marked.
 
 use super::result::{Span, Trace};
 use crate::process::NAMES;
@@ -14,13 +14,33 @@ const BAR: f64 = 24.0;
 /// Bars narrower than this have no label.
 const LABELLED: f64 = 62.0;
 
-/// A drawing of a step. `title` and `subtitle` stand above it.
-pub fn svg(trace: &Trace, title: &str, subtitle: &str) -> String {
+/// A drawing of some steps, one below the other, each with its title.
+pub fn svg(panels: &[(String, Trace)], subtitle: &str) -> String {
+    let mut body = String::new();
+    let mut height = 0.0;
+    for (title, trace) in panels {
+        let _ = writeln!(body, r#"<g transform="translate(0 {height:.0})">"#);
+        height += panel(&mut body, trace, title, subtitle);
+        body += "</g>\n";
+    }
+    legend(&mut body, height + 8.0);
+    height += 28.0;
+    format!(
+        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height:.0}" font-family="Helvetica, Arial, sans-serif">
+<rect width="100%" height="100%" fill="#ffffff"/>
+<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto-start-reverse"><path d="M0 0 8 4 0 8z" fill="#566"/></marker></defs>
+{body}</svg>
+"##
+    )
+}
+
+/// Draws one step and returns its height.
+fn panel(out: &mut String, trace: &Trace, title: &str, subtitle: &str) -> f64 {
     let rows: Vec<&str> = NAMES
         .into_iter()
         .filter(|name| trace.spans.iter().any(|span| span.process == *name))
         .collect();
-    let height = TOP + ROW * rows.len() as f64 + 78.0;
+    let height = TOP + ROW * rows.len() as f64 + 50.0;
     // A little of before and after, so that what reaches over the borders is seen to.
     let length = trace.latency_ns as f64;
     let (from, to) = (-0.04 * length, 1.06 * length);
@@ -29,24 +49,17 @@ pub fn svg(trace: &Trace, title: &str, subtitle: &str) -> String {
         rows,
         x: move |ns: f64| LEFT + (ns.clamp(from, to) - from) * scale,
     };
-    let mut out = String::new();
-    let _ = write!(
-        out,
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="Helvetica, Arial, sans-serif">
-<rect width="100%" height="100%" fill="#ffffff"/>
-<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto-start-reverse"><path d="M0 0 8 4 0 8z" fill="#566"/></marker></defs>
-<text x="{LEFT}" y="26" font-size="17" font-weight="bold" fill="#222">{}</text>
-<text x="{LEFT}" y="47" font-size="12" fill="#555">{}</text>
-"##,
-        escaped(title),
-        escaped(subtitle)
-    );
-    drawing.axis(&mut out, length, height);
-    drawing.bars(&mut out, trace);
-    drawing.arrows(&mut out, trace);
-    legend(&mut out, height - 18.0);
-    out += "</svg>\n";
-    out
+    for (y, size, weight, text) in [(26, 17, "bold", title), (47, 12, "normal", subtitle)] {
+        let _ = writeln!(
+            out,
+            r##"<text x="{LEFT}" y="{y}" font-size="{size}" font-weight="{weight}" fill="#333">{}</text>"##,
+            escaped(text)
+        );
+    }
+    drawing.axis(out, length, height - 50.0);
+    drawing.bars(out, trace);
+    drawing.arrows(out, trace);
+    height
 }
 
 struct Drawing<'a, X> {
@@ -60,8 +73,7 @@ impl<X: Fn(f64) -> f64> Drawing<'_, X> {
         Some(TOP + ROW * row as f64 + (ROW - BAR) / 2.0)
     }
 
-    fn axis(&self, out: &mut String, length: f64, height: f64) {
-        let bottom = height - 70.0;
+    fn axis(&self, out: &mut String, length: f64, bottom: f64) {
         for (row, name) in self.rows.iter().enumerate() {
             let y = TOP + ROW * row as f64;
             let shade = if row % 2 == 0 { "#f6f7f9" } else { "#ffffff" };
@@ -106,7 +118,7 @@ impl<X: Fn(f64) -> f64> Drawing<'_, X> {
                 "unknown" => ("#bbbbbb", "#999999"),
                 _ => ("#f3d9a8", "#d3ab62"),
             };
-            self.bar(out, span, BAR, fill, stroke, 1.0);
+            self.bar(out, span, fill, stroke);
         }
         // The critical path: a line below the bars that it runs through.
         for span in &trace.path {
@@ -123,7 +135,7 @@ impl<X: Fn(f64) -> f64> Drawing<'_, X> {
         }
     }
 
-    fn bar(&self, out: &mut String, span: &Span, bar: f64, fill: &str, stroke: &str, least: f64) {
+    fn bar(&self, out: &mut String, span: &Span, fill: &str, stroke: &str) {
         let Some(y) = self.y(&span.process) else {
             return;
         };
@@ -134,8 +146,8 @@ impl<X: Fn(f64) -> f64> Drawing<'_, X> {
         }
         let _ = writeln!(
             out,
-            r##"<rect x="{x1:.1}" y="{y:.1}" width="{:.2}" height="{bar}" fill="{fill}" stroke="{stroke}" stroke-width="0.5"><title>{}</title></rect>"##,
-            width.max(least),
+            r##"<rect x="{x1:.1}" y="{y:.1}" width="{:.2}" height="{BAR}" fill="{fill}" stroke="{stroke}" stroke-width="0.5"><title>{}</title></rect>"##,
+            width.max(1.0),
             escaped(&told(span))
         );
         if width >= LABELLED && span.kind == "compute" {
@@ -144,7 +156,7 @@ impl<X: Fn(f64) -> f64> Drawing<'_, X> {
                 out,
                 r##"<text x="{:.1}" y="{:.1}" font-size="10.5" text-anchor="middle" fill="#ffffff" pointer-events="none">{}</text>"##,
                 (x1 + x2) / 2.0,
-                y + bar / 2.0 + 3.5,
+                y + BAR / 2.0 + 3.5,
                 escaped(text)
             );
         }

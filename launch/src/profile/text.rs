@@ -322,16 +322,28 @@ fn write_own(out: &mut String, profile: &Profile) {
     );
     match &own.slowdown {
         Some(cost) => {
-            let [low, high] = cost.slower_interval.map(|slower| 100.0 * slower);
+            let ratio = |ratio: &super::cost::Ratio| {
+                let [low, high] = ratio.interval.map(|slower| 100.0 * slower);
+                format!("{:+.2} % [{low:+.2}, {high:+.2}]", 100.0 * ratio.median)
+            };
             let _ = writeln!(
                 out,
-                "  a tick takes {:.2} µs watched, {:.2} µs alone: {:+.2} % [{low:+.2}, {high:+.2}] ({:.0} % interval, {} turns of {:.0} ms each)",
+                "  a tick takes {:.1} µs watched, {:.1} µs alone: {}",
                 cost.tick_watched_us,
                 cost.tick_alone_us,
-                100.0 * cost.slower,
+                ratio(&cost.slower)
+            );
+            let _ = writeln!(
+                out,
+                "  the set uses {:.1} µs of processor time a tick watched, {:.1} µs alone: {}\n  \
+                 (medians, {:.0} % intervals, over {} turns of {:.0} ms without and one more with the profiler, which then takes {:.2} % of a core)",
+                cost.cpu_watched_us,
+                cost.cpu_alone_us,
+                ratio(&cost.more_cpu),
                 100.0 * cost.confidence,
                 cost.turns,
-                cost.turn_ms
+                cost.turn_ms,
+                100.0 * cost.cpu_share
             );
         }
         None => *out += "  how much it slows a tick was not measured\n",

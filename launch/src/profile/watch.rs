@@ -37,9 +37,6 @@ pub struct Ports {
     action: Input<DriverAction>,
     questions: Input<ImagineRequest>,
     answers: Input<ImagineAnswer>,
-    attached_ns: u64,
-    /// Sequence number and time of the first outcome sent since, and of the newest.
-    pub outcomes: Option<[(u64, u64); 2]>,
     /// The newest frame's header.
     pub frame: Option<Header>,
     /// The newest episode that ended.
@@ -67,8 +64,6 @@ impl Ports {
             action: observer.input(topic::DRIVER_ACTION)?,
             questions: observer.input(topic::IMAGINE)?,
             answers: observer.input(topic::IMAGINE_ANSWER)?,
-            attached_ns: now_ns(),
-            outcomes: None,
             frame: None,
             ended: None,
             messages: 0,
@@ -105,11 +100,6 @@ impl Ports {
                 let header = &outcome.header;
                 messages += 1;
                 table.add(Topic::Outcome, header);
-                if header.sent_ns >= self.attached_ns {
-                    let mark = (header.sequence, header.sent_ns);
-                    let first = self.outcomes.map_or(mark, |[first, _]| first);
-                    self.outcomes = Some([first, mark]);
-                }
                 if outcome.end != 0 {
                     self.ended = Some(header.episode);
                 }
