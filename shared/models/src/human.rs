@@ -134,6 +134,11 @@ pub trait HumanModel: Send {
 
     /// What this model thinks the person sees of each azimuth, in metres.
     fn visible_m(&self) -> [f32; AZIMUTHS];
+
+    /// Whether z^H is a Gaussian in the same space as the robot's z^R, so that the two can be compared (MIRROR-KL).
+    fn shares_latent(&self) -> bool {
+        false
+    }
 }
 
 /// The self-model as a human model, with or without implants.
@@ -243,5 +248,9 @@ impl HumanModel for SelfHuman {
     fn visible_m(&self) -> [f32; AZIMUTHS] {
         self.thresholds_m
             .map(|limit| limit.min(crate::observation::RANGE_M))
+    }
+
+    fn shares_latent(&self) -> bool {
+        true
     }
 }
