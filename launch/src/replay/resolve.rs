@@ -210,6 +210,7 @@ impl Resolved {
 pub fn method_name(method: planner::Method) -> &'static str {
     match method {
         planner::Method::Ce => "ce",
+        planner::Method::Kl => "kl",
         planner::Method::None => "none",
     }
 }

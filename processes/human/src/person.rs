@@ -4,7 +4,7 @@
 use messages::{
     Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, SECTORS,
 };
-use models::imagined::ImaginedGroups;
+use models::imagined::{ImaginedGroups, Moment};
 use models::observation::Shape;
 use models::policy::ActionDistribution;
 use models::utterances::{Said, UtteranceTable};
@@ -21,6 +21,7 @@ mod status {
     pub const ANSWERED: u32 = 0;
     pub const NO_BELIEF: u32 = 1;
     pub const NO_GROUP: u32 = 2;
+    pub const INCOMPARABLE: u32 = 3;
 }
 
 /// [`ImagineRequest::phase`].
@@ -28,6 +29,7 @@ mod phase {
     pub const START: u32 = 0;
     pub const PERCEIVE: u32 = 1;
     pub const FORGET: u32 = 2;
+    pub const COMPARE: u32 = 3;
 }
 
 /// The person, in the eyes of one human model.
@@ -46,6 +48,7 @@ pub struct Person {
     rows: [usize; GROUPS],
     imagined: Observations,
     communicated: Vec<Communicated>,
+    actions: Tensor,
 }
 
 struct Remembered {
@@ -75,6 +78,7 @@ impl Person {
             rows: [0; GROUPS],
             imagined: Observations::new(&shape, MAX_GROUP),
             communicated: vec![Communicated::default(); MAX_GROUP],
+            actions: Tensor::new(shape.action, MAX_GROUP),
         }
     }
 
@@ -172,6 +176,10 @@ impl Person {
         if group >= GROUPS {
             return;
         }
+        if question.phase == phase::COMPARE {
+            self.compare(question, answer);
+            return;
+        }
         let actions = match question.phase {
             phase::START if (1..=MAX_GROUP).contains(&rows) => {
                 let position = Some((question.header.episode, question.header.step));
@@ -195,25 +203,8 @@ impl Person {
                 )
             }
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
-                self.imagined.resize(rows);
-                self.imagined
-                    .visual
-                    .data_mut()
-                    .copy_from_slice(question.lidar[..rows].as_flattened());
-                for (bits, asked) in self
-                    .communicated
-                    .iter_mut()
-                    .zip(&question.communicated[..rows])
-                {
-                    *bits = Communicated(*asked);
-                }
+                self.take_in(question, rows);
                 let communicated = &self.communicated[..rows];
-                if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
-                    self.imagined
-                        .verbal
-                        .data_mut()
-                        .copy_from_slice(question.verbal[..rows].as_flattened());
-                }
                 self.groups.step(
                     &mut *self.model,
                     group,
@@ -235,5 +226,71 @@ impl Person {
             .as_flattened_mut()
             .copy_from_slice(actions.data());
         answer.status = status::ANSWERED;
+    }
+
+    /// Answers how far the person's belief would be from the robot's in each version of the next step.
+    fn compare(&mut self, question: &ImagineRequest, answer: &mut ImagineAnswer) {
+        let rows = question.rows as usize;
+        if !(1..=MAX_GROUP).contains(&rows) {
+            return;
+        }
+        let position = Some((question.header.episode, question.header.step));
+        let Some(start) = self
+            .remembered
+            .iter()
+            .position(|kept| kept.position == position)
+        else {
+            answer.status = status::NO_BELIEF;
+            return;
+        };
+        self.take_in(question, rows);
+        self.actions.resize_to(question.action.len(), rows);
+        for j in 0..rows {
+            self.actions.column_mut(j).copy_from_slice(&question.action);
+        }
+        let latent = self.model.latent().min(question.robot_mean.len());
+        let moment = Moment {
+            action: &self.actions,
+            observations: &self.imagined,
+            communicated: &self.communicated[..rows],
+            robot_mean: &question.robot_mean[..latent],
+            robot_deviation: &question.robot_deviation[..latent],
+        };
+        let compared = self.groups.compare(
+            &mut *self.model,
+            &self.remembered[start].beliefs,
+            moment,
+            &mut answer.divergence[..rows],
+        );
+        answer.status = match compared {
+            Ok(()) => status::ANSWERED,
+            Err(_) => status::INCOMPARABLE,
+        };
+    }
+
+    /// Copies what a question's imagined people see and are told.
+    fn take_in(&mut self, question: &ImagineRequest, rows: usize) {
+        self.imagined.resize(rows);
+        self.imagined
+            .visual
+            .data_mut()
+            .copy_from_slice(question.lidar[..rows].as_flattened());
+        for (bits, asked) in self
+            .communicated
+            .iter_mut()
+            .zip(&question.communicated[..rows])
+        {
+            *bits = Communicated(*asked);
+        }
+        // Without a word to anybody, all of this is masked.
+        if self.communicated[..rows]
+            .iter()
+            .any(|bits| bits.verbal_bits() != 0)
+        {
+            self.imagined
+                .verbal
+                .data_mut()
+                .copy_from_slice(question.verbal[..rows].as_flattened());
+        }
     }
 }

@@ -8,7 +8,9 @@ use models::checkpoint::{save_implants, save_self_model};
 use models::recurrent_file::save_policy;
 use models::self_model::Sizes;
 use models::utterances::UtteranceTable;
-use models::{Implants, Kind, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel};
+use models::{
+    Implants, Kind, RecurrentHuman, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -181,7 +183,7 @@ fn questions_that_cannot_be_answered_say_why() {
         (0, 0, MAX_GROUP as u32 + 1),
         (0, 1, 6),
         (0, 1, u32::MAX),
-        (0, 3, 5),
+        (0, 4, 5),
     ] {
         assert_eq!(
             ask(&mut person, &question(5, group, phase, rows)).status,
@@ -290,4 +292,49 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
         let error = load(kind, implants).expect_err("refused");
         assert!(error.contains(word), "{error}");
     }
+}
+
+#[test]
+fn it_says_how_far_beliefs_are_apart_if_it_can() {
+    let mut compare = question(0, 0, 3, 5);
+    compare.robot_deviation.fill(1.0);
+    compare.communicated[3] = 1 << 8;
+    let mut person = person();
+    assert_eq!(
+        ask(&mut person, &compare).status,
+        1,
+        "nothing is believed yet"
+    );
+    observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
+    // What each is told decides, if they see the same.
+    for row in 1..5 {
+        compare.lidar[row] = compare.lidar[0];
+    }
+    let answer = ask(&mut person, &compare);
+    assert_eq!(answer.status, 0);
+    let apart = &answer.divergence[..5];
+    assert!(
+        apart.iter().all(|kl| kl.is_finite() && *kl > 0.0),
+        "{apart:?}"
+    );
+    assert!(
+        apart[0] == apart[1] && apart[0] == apart[4] && apart[0] != apart[3],
+        "{apart:?}"
+    );
+    assert_eq!(
+        ask(&mut person, &compare).divergence[..5],
+        *apart,
+        "twice the same"
+    );
+
+    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
+    let policy = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [12.0; 36]);
+    let table = UtteranceTable::shipped().expect("the table ships");
+    let mut other = Person::new(Box::new(policy), table);
+    observe(&mut other, 0, &Display::ZERO, [0.0; 2]);
+    assert_eq!(
+        ask(&mut other, &compare).status,
+        3,
+        "a belief of another kind"
+    );
 }

@@ -4,12 +4,13 @@ use crate::{Options, reason};
 use messages::{CommAction, RobotBelief, SECTORS};
 use models::SelfModel;
 use nn::Tensor;
-use planning::planner::{From, Planner};
-use planning::{Decision, ImaginedPeople, PeopleError};
+use planning::planner::{From, Settings};
+use planning::{Chooser, Decision, ImaginedPeople, PeopleError};
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
 pub struct Desk {
-    planner: Planner,
+    planner: Chooser,
+    settings: Settings,
     mean: Tensor,
     deviation: Tensor,
     seed: u64,
@@ -21,7 +22,8 @@ impl Desk {
     pub fn new(options: &Options, model: &SelfModel) -> Self {
         let latent = model.sizes.latent;
         Self {
-            planner: Planner::new(options.settings, model),
+            planner: Chooser::new(options.method.chooser(), options.settings, model),
+            settings: options.settings,
             mean: Tensor::new(latent, 1),
             deviation: Tensor::new(latent, 1),
             seed: options.seed,
@@ -79,8 +81,8 @@ impl Desk {
         out.value = decision.value;
         out.value_silent = decision.value_silent;
         out.cost = decision.cost;
-        out.samples = self.planner.settings.samples as u32;
-        out.iterations = self.planner.settings.iterations as u32;
+        out.samples = self.settings.samples as u32;
+        out.iterations = self.settings.iterations as u32;
         out.reason = if late { reason::LATE } else { reason::PLANNED };
     }
 }

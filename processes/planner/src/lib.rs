@@ -21,8 +21,20 @@ use std::path::PathBuf;
 pub enum Method {
     /// Cross-entropy over imagined futures.
     Ce,
+    /// Belief matching, with no regard to reward (the paper's MIRROR-KL).
+    Kl,
     /// Nothing is ever communicated (the paper's NC).
     None,
+}
+
+impl Method {
+    /// The planning library's name for it; `none` plans nothing and is treated as `ce` where a planner is made all the same.
+    fn chooser(self) -> planning::Method {
+        match self {
+            Self::Kl => planning::Method::Kl,
+            Self::Ce | Self::None => planning::Method::Ce,
+        }
+    }
 }
 
 /// What the process needs besides its place in the run.
@@ -82,11 +94,11 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     options.check()?;
     join(arguments, |node| match options.method {
         Method::None => say_nothing(node),
-        Method::Ce => {
+        Method::Ce | Method::Kl => {
             let path = options
                 .model
                 .as_ref()
-                .context("planner options: method `ce` needs a model")?;
+                .context("planner options: methods `ce` and `kl` need a model")?;
             decide(node, options, &models::checkpoint::load_self_model(path)?)
         }
     })
@@ -231,7 +243,12 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
             }
             Err(PeopleError::Stopped) => break,
             Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
-            Err(PeopleError::Silent(_) | PeopleError::NoBelief | PeopleError::Replaced) => {
+            Err(
+                PeopleError::Silent(_)
+                | PeopleError::NoBelief
+                | PeopleError::Incomparable
+                | PeopleError::Replaced,
+            ) => {
                 client.give_up();
                 decisions.send_with(stamp.next(), |out| out.reason = reason::HUMAN_SILENT)?;
             }

@@ -1,11 +1,15 @@
 //! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
 
 use messages::{HumanBelief, ImagineRequest, MAX_GROUP};
+use models::imagined::Moment;
 use models::{Communicated, Observations};
 use nn::Tensor;
 use planning::planner::GROUPS;
 use planning::{ImaginedPeople, PeopleError};
 use runtime::{Input, Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
+
+/// [`ImagineRequest::phase`] that asks how far beliefs are apart.
+const COMPARE: u32 = 3;
 
 /// Answers that came while another group's was awaited; kept by the loop, so that planning allocates nothing.
 pub struct Waiting {
@@ -62,6 +66,22 @@ impl RemotePeople<'_> {
             write(question);
         });
         sent.map_err(unreachable_port)
+    }
+
+    /// Waits until the client holds another answer.
+    fn next_answer(&mut self, deadline_ns: Option<u64>) -> Result<(), PeopleError> {
+        let wake = match &mut self.successor {
+            Some(beliefs) => self.client.wait_answer_or(self.node, *beliefs, deadline_ns),
+            None => self.client.wait_answer(self.node, deadline_ns),
+        };
+        match wake.map_err(unreachable_node)? {
+            Wake::Message => Ok(()),
+            Wake::Passed => Err(PeopleError::Replaced),
+            Wake::Stop => Err(PeopleError::Stopped),
+            Wake::Deadline => Err(PeopleError::Silent(
+                self.patience_ns.unwrap_or_default() / 1_000_000,
+            )),
+        }
     }
 
     /// Takes in the answer that the client holds.
@@ -137,24 +157,65 @@ impl ImaginedPeople for RemotePeople<'_> {
     fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
         let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
         while !self.waiting.groups[group].answered {
-            let wake = match &mut self.successor {
-                Some(beliefs) => self.client.wait_answer_or(self.node, *beliefs, deadline_ns),
-                None => self.client.wait_answer(self.node, deadline_ns),
-            };
-            match wake.map_err(unreachable_node)? {
-                Wake::Message => self.keep()?,
-                Wake::Passed => return Err(PeopleError::Replaced),
-                Wake::Stop => return Err(PeopleError::Stopped),
-                Wake::Deadline => {
-                    return Err(PeopleError::Silent(
-                        self.patience_ns.unwrap_or_default() / 1_000_000,
-                    ));
-                }
-            }
+            self.next_answer(deadline_ns)?;
+            self.keep()?;
         }
         self.waiting.groups[group].answered = false;
         actions.copy_from(&self.waiting.groups[group].actions);
         Ok(())
+    }
+
+    fn compare(&mut self, moment: Moment, out: &mut [f32]) -> Result<(), PeopleError> {
+        let rows = moment.communicated.len();
+        let sent = self.client.ask(self.stamp, |question| {
+            question.group = 0;
+            question.rows = rows as u32;
+            question.phase = COMPARE;
+            question.seed = 0;
+            question.action_known = 1;
+            question.action.copy_from_slice(moment.action.column(0));
+            for (asked, bits) in question.communicated.iter_mut().zip(moment.communicated) {
+                *asked = bits.0;
+            }
+            let Observations { visual, verbal } = moment.observations;
+            let (lidar, words) = (&mut question.lidar[..rows], &mut question.verbal[..rows]);
+            lidar.as_flattened_mut().copy_from_slice(visual.data());
+            words.as_flattened_mut().copy_from_slice(verbal.data());
+            for (out, belief) in [
+                (&mut question.robot_mean, moment.robot_mean),
+                (&mut question.robot_deviation, moment.robot_deviation),
+            ] {
+                let n = belief.len().min(out.len());
+                out[..n].copy_from_slice(&belief[..n]);
+            }
+        });
+        sent.map_err(unreachable_port)?;
+        let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
+        loop {
+            self.next_answer(deadline_ns)?;
+            let Some(answer) = self.client.answer() else {
+                continue;
+            };
+            let header = &answer.header;
+            let is_ours = (header.episode, header.step) == (self.stamp.episode, self.stamp.step);
+            if !is_ours || answer.phase != COMPARE {
+                self.keep()?; // an answer of an earlier question
+                continue;
+            }
+            return match answer.status {
+                0 if answer.rows as usize == rows => {
+                    let divergence = &answer.divergence[..rows];
+                    // A number that cannot be compared is no answer.
+                    if divergence.iter().any(|kl| kl.is_nan()) {
+                        return Err(PeopleError::NoBelief);
+                    }
+                    out[..rows].copy_from_slice(divergence);
+                    Ok(())
+                }
+                3 => Err(PeopleError::Incomparable),
+                _ => Err(PeopleError::NoBelief),
+            };
+        }
     }
 }
 

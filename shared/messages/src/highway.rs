@@ -263,18 +263,19 @@ message! {
 
 message! {
     /// A question to the human model: "if this group of imagined people saw this, what would they do?"
-    pub struct ImagineRequest, "1" {
+    pub struct ImagineRequest, "2" {
         /// Header; `step` is the step planned from.
         pub header: Header,
         /// Seed of this question's noise; with it the answer is a pure function of the belief and the question.
         pub seed: u64,
         /// Group of imagined people; the human model keeps each group's beliefs from question to question.
         pub group: u32,
-        /// 0: start from the current belief. 1: perceive what is below, then act. 2: forget the group.
+        /// 0: start from the current belief. 1: perceive what is below, then act. 2: forget the group. 3: no group, but how far
+        /// from the robot's belief would the person's be, had they perceived what is below after `action`?
         pub phase: u32,
         /// People in the group.
         pub rows: u32,
-        /// 1 if `action` is what the person really does at this step (phase 0).
+        /// 1 if `action` is what the person really does at this step (phases 0 and 3).
         pub action_known: u32,
         /// See `action_known`.
         pub action: [f32; ACTIONS],
@@ -285,24 +286,30 @@ message! {
         pub lidar: [[f32; BEAMS + EGO_VALUES]; MAX_GROUP],
         /// Imagined verbal modality x̂, a person after the other.
         pub verbal: [[f32; VERBAL]; MAX_GROUP],
+        /// Mean of z^R at the step after (phase 3).
+        pub robot_mean: [f32; LATENT],
+        /// Its deviation.
+        pub robot_deviation: [f32; LATENT],
     } header: yes
 }
 
 message! {
-    /// The human model's answer: the group's next actions.
-    pub struct ImagineAnswer, "1" {
+    /// The human model's answer: the group's next actions, or distances between beliefs.
+    pub struct ImagineAnswer, "2" {
         /// Header; episode and step are the question's.
         pub header: Header,
         /// The question's group.
         pub group: u32,
         /// People in the group.
         pub rows: u32,
-        /// 0 answered, 1 no belief for that step, 2 no such group.
+        /// 0 answered, 1 no belief for that step, 2 no such group, 3 no belief that could be compared with the robot's.
         pub status: u32,
         /// The question's phase.
         pub phase: u32,
         /// Throttle/brake and steer of each person.
         pub action: [[f32; ACTIONS]; MAX_GROUP],
+        /// KL[z^H ‖ z^R] of each row (phase 3).
+        pub divergence: [f32; MAX_GROUP],
     } header: yes
 }
 

@@ -147,6 +147,11 @@ pub trait HumanModel: Send {
     fn visible_m(&self) -> [f32; AZIMUTHS] {
         [crate::observation::RANGE_M; AZIMUTHS]
     }
+
+    /// Whether z^H is a Gaussian in the same space as the robot's z^R, so that the two can be compared (MIRROR-KL).
+    fn shares_latent(&self) -> bool {
+        false
+    }
 }
 
 /// The self-model as a human model, with or without implants.
@@ -256,5 +261,9 @@ impl HumanModel for SelfHuman {
     fn visible_m(&self) -> [f32; AZIMUTHS] {
         self.thresholds_m
             .map(|limit| limit.min(crate::observation::RANGE_M))
+    }
+
+    fn shares_latent(&self) -> bool {
+        true
     }
 }

@@ -10,6 +10,7 @@ use nn::{Tensor, noise};
 /// Groups of imagined people and their beliefs between questions.
 pub struct ImaginedGroups {
     groups: Vec<Group>,
+    compared: Beliefs,
     noise: Vec<f32>,
     distribution: ActionDistribution,
 }
@@ -24,6 +25,26 @@ struct Group {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("group {0} of imagined people was not started")]
 pub struct UnknownGroup(pub usize);
+
+/// A comparison of beliefs with a human model that believes something else than the robot could.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a human model of kind `{0}` has no belief that could be compared with the robot's")]
+pub struct Incomparable(pub &'static str);
+
+/// One moment, in as many versions as there are rows, that differ in what is communicated.
+#[derive(Clone, Copy)]
+pub struct Moment<'a> {
+    /// What the person did before.
+    pub action: &'a Tensor,
+    /// What the robot imagines to sense.
+    pub observations: &'a Observations,
+    /// What is communicated in each version.
+    pub communicated: &'a [Communicated],
+    /// Mean of z^R then, one number per dimension.
+    pub robot_mean: &'a [f32],
+    /// Its deviation.
+    pub robot_deviation: &'a [f32],
+}
 
 /// Noise streams of one question.
 mod stream {
@@ -51,6 +72,7 @@ impl ImaginedGroups {
         };
         Self {
             groups: (0..groups).map(|_| group()).collect(),
+            compared: Beliefs::new(latent, rows),
             noise: vec![0.0; latent * rows],
             distribution: ActionDistribution::new(actions, rows),
         }
@@ -134,6 +156,49 @@ impl ImaginedGroups {
             actions,
         );
         Ok(actions)
+    }
+
+    /// KL[z^H ‖ z^R] in each version of a moment, had the person believed `person` before it; without chance: z^H follows
+    /// from the mean. `out` takes one number per version.
+    ///
+    /// # Errors
+    /// If the model's belief cannot be compared with the robot's.
+    pub fn compare(
+        &mut self,
+        model: &mut dyn HumanModel,
+        person: &Beliefs,
+        moment: Moment,
+        out: &mut [f32],
+    ) -> Result<(), Incomparable> {
+        if !model.shares_latent() || moment.robot_mean.len() != model.latent() {
+            return Err(Incomparable(model.kind()));
+        }
+        let rows = moment.communicated.len();
+        let noise = &mut self.noise;
+        noise.resize(model.latent() * rows, 0.0);
+        noise.fill(0.0);
+        self.compared.spread(person, rows, noise);
+        let Moment {
+            action,
+            observations,
+            communicated,
+            ..
+        } = moment;
+        model.perceive(&mut self.compared, action, observations, communicated, None);
+        for (j, out) in out[..rows].iter_mut().enumerate() {
+            let own = self.compared.mean.column(j).iter();
+            let own = own.zip(self.compared.deviation.column(j));
+            let robot = moment.robot_mean.iter().zip(moment.robot_deviation);
+            *out = own
+                .zip(robot)
+                .map(|((mean_h, dev_h), (mean_r, dev_r))| {
+                    let ratio = dev_h / dev_r;
+                    let apart = (mean_h - mean_r) / dev_r;
+                    0.5 * (ratio * ratio + apart * apart - 1.0) - ratio.ln()
+                })
+                .sum();
+        }
+        Ok(())
     }
 
     /// Forgets a group.

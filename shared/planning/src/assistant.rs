@@ -1,8 +1,9 @@
 //! The assistant in one process: belief, human model and planner in the order in which a step needs them. The process
 //! set does the same with messages in between; given the same inputs both decide the same, bit for bit.
 
+use crate::chooser::{Chooser, Method};
 use crate::people::{LocalPeople, PeopleError};
-use crate::planner::{Decision, From, GROUPS, Planner, Settings};
+use crate::planner::{Decision, From, GROUPS, Settings};
 use models::imagined::ImaginedGroups;
 use models::observation::{AZIMUTHS, Encoded, SECTORS};
 use models::policy::ActionDistribution;
@@ -14,7 +15,7 @@ use std::sync::Arc;
 pub struct Assistant {
     model: Arc<SelfModel>,
     human: Box<dyn HumanModel>,
-    planner: Planner,
+    planner: Chooser,
     filter: Filter,
     beliefs: Beliefs,
     expected: ActionDistribution,
@@ -28,11 +29,21 @@ pub struct Assistant {
 impl Assistant {
     /// An assistant that observed nothing yet. Settings must have no [`Settings::problem`].
     pub fn new(model: Arc<SelfModel>, human: Box<dyn HumanModel>, settings: Settings) -> Self {
+        Self::with_method(model, human, settings, Method::Ce)
+    }
+
+    /// As [`Self::new`], deciding by `method`.
+    pub fn with_method(
+        model: Arc<SelfModel>,
+        human: Box<dyn HumanModel>,
+        settings: Settings,
+        method: Method,
+    ) -> Self {
         let sizes = model.sizes;
         let actions = sizes.shape.action;
         let rows = settings.samples / GROUPS;
         Self {
-            planner: Planner::new(settings, &model),
+            planner: Chooser::new(method, settings, &model),
             filter: Filter::new(sizes.latent, 1),
             beliefs: Beliefs::new(human.latent(), 1),
             expected: ActionDistribution::new(actions, 1),

@@ -1,17 +1,21 @@
 //! Deciding what to communicate, by imagining both futures together (paper §III-C).
 
 pub mod assistant;
+pub mod chooser;
 pub mod cross_entropy;
 pub mod discrete;
 pub mod imagination;
 pub mod items;
+pub mod matching;
 pub mod people;
 pub mod planner;
 pub mod round;
 
 pub use assistant::Assistant;
+pub use chooser::{Chooser, Method};
 pub use discrete::DiscreteAssistant;
 pub use imagination::{Imagination, Stage};
 pub use items::Items;
+pub use matching::Matcher;
 pub use people::{ImaginedPeople, LocalPeople, PeopleError};
 pub use planner::{Decision, Planner, Settings};

@@ -1,7 +1,7 @@
 //! The planner's only view of a human model: a group of imagined people that can be started, shown something, and
 //! asked what they do. Asking and answering are apart, so that two groups keep two processes busy at once.
 
-use models::imagined::ImaginedGroups;
+use models::imagined::{ImaginedGroups, Moment};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
 use thiserror::Error;
@@ -21,6 +21,9 @@ pub enum PeopleError {
     /// Another human model has taken the place of the one that was asked: ask again from the beginning.
     #[error("the human model was replaced while it was asked")]
     Replaced,
+    /// The human model believes nothing that could be compared with the robot's belief.
+    #[error("the human model has no belief that could be compared with the robot's")]
+    Incomparable,
     /// The process was asked to stop while it waited.
     #[error("stopped while waiting for the human model")]
     Stopped,
@@ -49,6 +52,13 @@ pub trait ImaginedPeople {
 
     /// The group's answer to the last `start` or `ask`: `2 × rows`.
     fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError>;
+
+    /// KL[z^H ‖ z^R] in each version of the next moment. People who believe nothing that could be compared with the
+    /// robot's belief have no answer.
+    fn compare(&mut self, moment: Moment, out: &mut [f32]) -> Result<(), PeopleError> {
+        let _ = (moment, out);
+        Err(PeopleError::Incomparable)
+    }
 }
 
 /// A human model in the same process, for experiments and tests.
@@ -101,5 +111,11 @@ impl ImaginedPeople for LocalPeople<'_> {
         actions.resize_to(pending.rows(), pending.cols());
         actions.copy_from(pending);
         Ok(())
+    }
+
+    fn compare(&mut self, moment: Moment, out: &mut [f32]) -> Result<(), PeopleError> {
+        self.groups
+            .compare(self.model, self.person, moment, out)
+            .map_err(|_| PeopleError::Incomparable)
     }
 }

@@ -1,4 +1,5 @@
 //! A world whose reward is the last throttle, and people whose reactions are known.
+#![allow(dead_code)] // every test program uses its own part
 
 use models::observation::Shape;
 use models::self_model::Sizes;

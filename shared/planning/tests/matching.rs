@@ -1,0 +1,222 @@
+//! Belief matching: what is chosen is nearest, deterministic, silent where nothing is gained, and free of allocation.
+
+mod support;
+
+use models::imagined::{ImaginedGroups, Moment};
+use models::observation::{AZIMUTHS, BANDS, SECTORS};
+use models::self_model::Sizes;
+use models::{
+    Beliefs, Communicated, HumanModel, Implants, Kind, Observations, RecurrentHuman,
+    RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
+};
+use nn::Tensor;
+use planning::planner::GROUPS;
+use planning::{Decision, ImaginedPeople, LocalPeople, Matcher, PeopleError, Settings};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+use support::{Start, allocations};
+
+/// A robot, a person, and both beliefs after the same few moments: the road is full of cars.
+struct Scene {
+    model: Arc<SelfModel>,
+    human: Box<dyn HumanModel>,
+    person: Beliefs,
+    robot: models::Filter,
+    groups: ImaginedGroups,
+    pending: Vec<Tensor>,
+}
+
+fn model() -> Arc<SelfModel> {
+    let sizes = Sizes {
+        hidden: 48,
+        ..Sizes::HIGHWAY
+    };
+    Arc::new(SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(9)))
+}
+
+/// Somebody who sees 5 m.
+fn short_sighted(model: &Arc<SelfModel>) -> Box<dyn HumanModel> {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut implants = Implants::new(model.sizes.latent, 2, true, &mut rng);
+    implants.set_thresholds_m(5.0);
+    Box::new(SelfHuman::new(model.clone(), Some(implants)))
+}
+
+impl Scene {
+    fn new(model: Arc<SelfModel>, mut human: Box<dyn HumanModel>) -> Self {
+        let sizes = model.sizes;
+        let mut observations = Observations::new(&sizes.shape, 1);
+        let visual = observations.visual.column_mut(0);
+        for (i, beam) in visual[..AZIMUTHS * BANDS].iter_mut().enumerate() {
+            *beam = (i % 7) as f32 / 12.0;
+        }
+        let mut encoded = models::observation::Encoded::new(sizes.shape, 1);
+        encoded.set(
+            0,
+            observations.visual.column(0),
+            observations.verbal.column(0),
+            &[1.0; AZIMUTHS],
+            &[0.0; SECTORS],
+        );
+        let action = Tensor::from_slice(2, 1, &[0.3, -0.1]);
+        let mut robot = models::Filter::new(sizes.latent, 1);
+        let mut person = Beliefs::new(human.latent(), 1);
+        for _ in 0..3 {
+            robot.update(&model, &action, &encoded);
+            let silent = [Communicated::default()];
+            human.perceive(&mut person, &action, &observations, &silent, None);
+        }
+        Self {
+            groups: ImaginedGroups::new(human.latent(), 2, GROUPS, 64),
+            pending: vec![Tensor::new(2, 64); GROUPS],
+            model,
+            human,
+            person,
+            robot,
+        }
+    }
+
+    fn plan(&mut self, matcher: &mut Matcher, start: Start) -> Result<Decision, PeopleError> {
+        let mut people = LocalPeople {
+            model: &mut *self.human,
+            person: &self.person,
+            groups: &mut self.groups,
+            pending: &mut self.pending,
+        };
+        let from = start.from(&self.robot.mean, &self.robot.deviation);
+        matcher.plan(&self.model, from, &mut people)
+    }
+}
+
+fn matcher(model: &SelfModel) -> Matcher {
+    Matcher::new(Settings::default(), model)
+}
+
+/// Keeps what was asked and answers with a table of divergences.
+struct Table(Vec<(Communicated, f32)>);
+
+impl ImaginedPeople for Table {
+    fn start(
+        &mut self,
+        _: usize,
+        _: usize,
+        _: u64,
+        _: Option<[f32; 2]>,
+    ) -> Result<(), PeopleError> {
+        Ok(())
+    }
+
+    fn ask(
+        &mut self,
+        _: usize,
+        _: &Observations,
+        _: &[Communicated],
+        _: u64,
+    ) -> Result<(), PeopleError> {
+        Ok(())
+    }
+
+    fn answer(&mut self, _: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
+        actions.resize_to(2, 1);
+        actions.fill(0.5);
+        Ok(())
+    }
+
+    fn compare(&mut self, moment: Moment, out: &mut [f32]) -> Result<(), PeopleError> {
+        for (out, told) in out.iter_mut().zip(moment.communicated) {
+            let known = self.0.iter().find(|(bits, _)| bits == told);
+            *out = known.map_or(3.0, |(_, divergence)| *divergence);
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn the_nearest_belief_wins_whatever_it_costs_and_silence_wins_a_tie() {
+    let scene = Scene::new(model(), short_sighted(&model()));
+    let from = Start::default().from(&scene.robot.mean, &scene.robot.deviation);
+    let choose = |table: Vec<(Communicated, f32)>| {
+        matcher(&scene.model)
+            .plan(&scene.model, from, &mut Table(table))
+            .expect("answered")
+    };
+    let most = Communicated::new(0b10_0011, 1 << 4);
+    let chosen = choose(vec![(most, 1.0), (Communicated::new(1, 0), 2.0)]);
+    assert_eq!(chosen.communicated, most);
+    assert_eq!((chosen.value, chosen.value_silent), (-1.0, -3.0));
+    assert!(chosen.cost > 0.4);
+    // Sector 2 lies behind the display's edge, and two sentences cannot be spoken at once: neither is asked about.
+    let impossible = vec![
+        (Communicated::new(0b100, 0), 1.0),
+        (Communicated::new(0, 3), 0.5),
+    ];
+    assert_eq!(choose(impossible).communicated, Communicated::default());
+}
+
+#[test]
+fn whoever_perceives_what_the_robot_does_is_told_nothing() {
+    let model = model();
+    let everything = Box::new(SelfHuman::new(model.clone(), None));
+    let mut scene = Scene::new(model.clone(), everything);
+    let decision = scene
+        .plan(&mut matcher(&model), Start::default())
+        .expect("answered");
+    assert_eq!(decision.communicated, Communicated::default());
+    assert_eq!(decision.value, 0.0, "the same belief, bit for bit");
+}
+
+#[test]
+fn whoever_sees_little_is_brought_nearer() {
+    let model = model();
+    let mut scene = Scene::new(model.clone(), short_sighted(&model));
+    let mut matcher = matcher(&model);
+    let told = scene
+        .plan(&mut matcher, Start::default())
+        .expect("answered");
+    assert_ne!(told.communicated, Communicated::default());
+    assert!(told.value > told.value_silent, "{told:?}");
+    // While a sentence is running, only highlights are left.
+    let busy = Start {
+        speech_ready_steps: 3,
+        ..Start::default()
+    };
+    let shown = scene.plan(&mut matcher, busy).expect("answered");
+    assert_eq!(shown.communicated.verbal_bits(), 0);
+    assert!(shown.value <= told.value);
+}
+
+#[test]
+fn the_same_start_gives_the_same_decision_without_allocating() {
+    let model = model();
+    let mut scene = Scene::new(model.clone(), short_sighted(&model));
+    let mut matcher = matcher(&model);
+    let first = scene
+        .plan(&mut matcher, Start::default())
+        .expect("answered");
+    let busy = Start {
+        speech_ready_steps: 3,
+        step: 8,
+        ..Start::default()
+    };
+    scene.plan(&mut matcher, busy).expect("answered");
+    let before = allocations();
+    assert_eq!(
+        scene
+            .plan(&mut matcher, Start::default())
+            .expect("answered"),
+        first
+    );
+    scene.plan(&mut matcher, busy).expect("answered");
+    assert_eq!(allocations() - before, 0);
+}
+
+#[test]
+fn a_model_with_a_belief_of_its_own_kind_cannot_be_matched() {
+    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(2));
+    let human = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [9.0; AZIMUTHS]);
+    let model = model();
+    let mut scene = Scene::new(model.clone(), Box::new(human));
+    let refused = scene.plan(&mut matcher(&model), Start::default());
+    assert!(matches!(refused, Err(PeopleError::Incomparable)));
+}
