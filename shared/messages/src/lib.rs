@@ -7,10 +7,12 @@
 
 mod catalogue;
 mod field;
+mod gridworld;
 mod highway;
 mod message;
 
 pub use catalogue::{Description, all_definitions, for_each_message};
 pub use field::{Field, FieldType};
+pub use gridworld::*;
 pub use highway::*;
 pub use message::{Header, Message, layout_hash};
