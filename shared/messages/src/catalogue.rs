@@ -45,6 +45,7 @@ fn describe<M: Message>(visit: &mut impl FnMut(Description)) {
 pub fn for_each_message(mut visit: impl FnMut(Description)) {
     describe::<Header>(&mut visit);
     describe::<LidarFrame>(&mut visit);
+    describe::<Observation>(&mut visit);
     describe::<ObjectPose>(&mut visit);
     describe::<Scene>(&mut visit);
     describe::<Outcome>(&mut visit);

@@ -28,6 +28,8 @@ pub const MAX_GROUP: usize = 512;
 pub mod topic {
     /// [`LidarFrame`](crate::LidarFrame): world → belief, human, driver, renderer, recorder.
     pub const LIDAR: &str = "world/lidar";
+    /// [`Observation`](crate::Observation): gridworlds → belief, human, driver, renderer, recorder.
+    pub const OBSERVATION: &str = "world/observation";
     /// [`Scene`](crate::Scene): world → renderer, recorder.
     pub const SCENE: &str = "world/scene";
     /// [`Outcome`](crate::Outcome): world → all.

@@ -7,12 +7,14 @@
 
 mod catalogue;
 mod field;
+mod gridworld;
 mod highway;
 mod message;
 mod python;
 
 pub use catalogue::{Description, all_definitions, for_each_message, for_each_topic};
 pub use field::{Field, FieldType};
+pub use gridworld::*;
 pub use highway::*;
 pub(crate) use message::layout_text;
 pub use message::{Header, Message, layout_hash};
