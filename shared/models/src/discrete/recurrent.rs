@@ -124,6 +124,7 @@ pub struct RecurrentHuman {
     /// The person's true limits: told, not learned.
     limits: Vec<f32>,
     heard: u32,
+    last: Mask,
     observed: Tensor,
     input: Tensor,
     before: Tensor,
@@ -150,6 +151,7 @@ impl RecurrentHuman {
             perceiver: Perceiver::new(layout),
             limits,
             heard: sight.heard,
+            last: Mask::NONE,
             observed: Tensor::new(policy.view.rows(), 0),
             input: Tensor::default(),
             before: Tensor::default(),
@@ -158,6 +160,13 @@ impl RecurrentHuman {
             mlp: MlpScratch::default(),
             policy,
         }
+    }
+}
+
+impl RecurrentHuman {
+    /// What the last person of the last batch perceived.
+    pub fn perceived(&self) -> Mask {
+        self.last
     }
 }
 
@@ -203,6 +212,7 @@ impl HumanModel for RecurrentHuman {
                 verbal: self.heard,
             };
             let mask = mask | Mask::from(communicated[j]);
+            self.last = mask;
             let (verbal, out) = (observations.verbal.column(j), self.observed.column_mut(j));
             policy.view.write(visual, verbal, mask, out);
         }
