@@ -1,6 +1,7 @@
 //! The gridworlds' self-model without a tape: following a world, imagining, and choosing; nothing allocates after the first call.
 
-use super::self_model::{DiscreteModel, Reader};
+use super::reader::{ReaderScratch, copy_rows};
+use super::self_model::DiscreteModel;
 use crate::WorldModel;
 use crate::observation::Shape;
 use crate::policy::{ActionDistribution, largest};
@@ -15,12 +16,9 @@ pub struct DiscreteScratch {
     mean: Tensor,
     deviation: Tensor,
     image: Tensor,
-    others: Tensor,
-    words: Tensor,
     unfolded: Tensor,
     map: Tensor,
-    looked: Tensor,
-    listened: Tensor,
+    reader: ReaderScratch,
 }
 
 impl DiscreteModel {
@@ -35,36 +33,19 @@ impl DiscreteModel {
         deviation: &mut Tensor,
     ) {
         let p = &self.parameters;
-        if let Some(Reader { conv, look, listen }) = &self.reader {
-            let image = self.sizes.image_numbers();
-            let seen = self.sizes.shape.visual + self.sizes.shape.visual_mask;
-            copy_rows(observed, 0, image, &mut s.image);
-            copy_rows(observed, image, seen, &mut s.others);
-            copy_rows(observed, seen, observed.rows(), &mut s.words);
-            conv.infer(p, &s.image, &mut s.unfolded, &mut s.map);
-            look.infer_stacked(p, &[&s.map, &s.others], &mut s.mlp, &mut s.looked);
-            listen.infer(p, &s.words, &mut s.listened);
-            let (looked, listened) = (&s.looked, &s.listened);
-            match previous {
-                None => {
-                    self.first
-                        .infer_stacked(p, &[looked, listened], &mut s.mlp, &mut s.output);
+        let (reader, mlp, output) = (&mut s.reader, &mut s.mlp, &mut s.output);
+        self.reader
+            .infer(p, reader, observed, |features| match (previous, features) {
+                (None, _) => self.first.infer_stacked(p, features, mlp, output),
+                (Some((z, action)), [a]) => {
+                    self.encoder.infer_stacked(p, &[z, action, a], mlp, output);
                 }
-                Some((z, action)) => {
-                    let blocks = [z, action, looked, listened];
-                    self.encoder
-                        .infer_stacked(p, &blocks, &mut s.mlp, &mut s.output);
+                (Some((z, action)), [a, b, ..]) => {
+                    let blocks = [z, action, a, b];
+                    self.encoder.infer_stacked(p, &blocks, mlp, output);
                 }
-            }
-        } else {
-            match previous {
-                None => self.first.infer(p, observed, &mut s.mlp, &mut s.output),
-                Some((z, action)) => {
-                    self.encoder
-                        .infer_stacked(p, &[z, action, observed], &mut s.mlp, &mut s.output)
-                }
-            }
-        }
+                (Some(_), []) => {}
+            });
         split_gaussian(&s.output, mean, deviation);
     }
 
@@ -81,14 +62,6 @@ impl DiscreteModel {
             *value *= inverse;
         }
         nn::log_softmax_in_place(&mut out.log_probability);
-    }
-}
-
-/// `out` ← rows from..to of `x`.
-fn copy_rows(x: &Tensor, from: usize, to: usize, out: &mut Tensor) {
-    out.resize_to(to - from, x.cols());
-    for j in 0..x.cols() {
-        out.column_mut(j).copy_from_slice(&x.column(j)[from..to]);
     }
 }
 

@@ -2,7 +2,8 @@
 //! appendix, "MIRROR Implants").
 //!
 //! *Perceptual implant*: the limits of [`Perceiver`]. *Policy implant*: a residual δ(z^H) on the logits of the categorical policy,
-//! p̂ = softmax(Q/temperature + δ(z^H)).
+//! p̂ = softmax(Q/temperature + δ(z^H)), where δ = c · tanh(a small network): bounded, because a person who is told something is in a
+//! state that no round without an assistant shows, and there an unbounded network shouts down what the robot knows.
 
 use super::perception::Perceiver;
 use super::self_model::DiscreteModel;
@@ -12,6 +13,9 @@ use rand_chacha::ChaCha8Rng;
 
 /// Neurons of the residual's hidden layer, as on the highway (DESIGN §11).
 pub const RESIDUAL_HIDDEN: usize = 16;
+
+/// c: the most that the policy implant moves a logit by.
+pub const RESIDUAL_BOUND: f32 = 1.5;
 
 /// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
 #[derive(Clone, Debug)]
@@ -146,7 +150,7 @@ impl Implants {
         residual.infer(&self.parameters, z, scratch, delta);
         let log = distribution.log_probability.data_mut();
         for (log, delta) in log.iter_mut().zip(delta.data()) {
-            *log += delta;
+            *log += RESIDUAL_BOUND * delta.tanh();
         }
         nn::log_softmax_in_place(&mut distribution.log_probability);
     }
@@ -214,5 +218,7 @@ pub fn policy_on_tape(
         return (logits, None);
     };
     let delta = tape.mlp(residual, z);
+    let delta = tape.tanh(delta);
+    let delta = tape.scale(delta, RESIDUAL_BOUND);
     (tape.add(logits, delta), Some(delta))
 }

@@ -8,24 +8,14 @@
 //! Every quantity of a batch of sequences lies in one tensor, step after step: what need not wait for z (reading images,
 //! decoding, priors, divergences) is computed for all steps at once.
 
-use super::sizes::{ImageSizes, Sizes};
+use super::reader::Reader;
+use super::sizes::Sizes;
 use super::view::View;
 use crate::self_model::SelfModel;
 use domains::discrete::Layout;
-use nn::{Activation, Conv, Deconv, Dense, Mlp, Parameters, Tape, Tensor, Var};
+use nn::{Activation, Deconv, Mlp, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
-
-/// Networks that read an image and words (paper, appendix, "Search and Rescue").
-#[derive(Clone, Debug)]
-pub(super) struct Reader {
-    /// Over the masked image.
-    pub conv: Conv,
-    /// `[feature map; other visual numbers; mask] → features`.
-    pub look: Mlp,
-    /// `[words; mask] → features`.
-    pub listen: Dense,
-}
 
 /// The networks f_θ, g_φ, d^m_θ, r_θ and Q_ψ with their parameters.
 #[derive(Clone, Debug)]
@@ -52,7 +42,8 @@ pub struct DiscreteModel {
     pub reward: Mlp,
     /// Q_ψ: `z →` the value of each action.
     pub q: Mlp,
-    pub(super) reader: Option<Reader>,
+    /// Reads observations for g_φ.
+    pub reader: Reader,
     /// Draws the image from its feature map.
     pub(super) draw: Option<Deconv>,
 }
@@ -90,46 +81,10 @@ impl DiscreteModel {
         let reward = net(&mut p, "reward", [latent, d, d, 1]);
         let q = sizes.q_hidden;
         let q = net(&mut p, "q", [latent, q, q, shape.action]);
-        let mut draw = None;
-        let reader = sizes.image.map(|image| {
-            let ImageSizes {
-                channels,
-                hidden,
-                features,
-                ..
-            } = image;
-            let windows = image.windows();
-            let conv = Conv::new(
-                &mut p,
-                "conv",
-                windows,
-                channels,
-                Activation::Elu,
-                &mut *rng,
-            );
-            let look = Mlp::new(
-                &mut p,
-                "look",
-                &[
-                    conv.output() + others + shape.visual_mask,
-                    hidden,
-                    hidden,
-                    features,
-                ],
-                Activation::Elu,
-                rng,
-            );
-            let listen = Dense::new(
-                &mut p,
-                "listen",
-                shape.verbal + shape.verbal_mask,
-                features,
-                Activation::Elu,
-                rng,
-            );
-            draw = Some(Deconv::new(&mut p, "draw", windows, channels, rng));
-            Reader { conv, look, listen }
-        });
+        let reader = Reader::new(&sizes, &view, &mut p, rng);
+        let draw = sizes
+            .image
+            .map(|image| Deconv::new(&mut p, "draw", image.windows(), image.channels, rng));
         Self {
             sizes,
             layout,
@@ -149,20 +104,7 @@ impl DiscreteModel {
 
     /// What the posterior reads of encoded observations (`view rows × batch`).
     pub fn features(&self, tape: &mut Tape, observed: Var) -> Var {
-        let Some(Reader { conv, look, listen }) = &self.reader else {
-            return observed;
-        };
-        let image = self.sizes.image_numbers();
-        let shape = self.sizes.shape;
-        let seen = shape.visual + shape.visual_mask;
-        let pixels = tape.rows(observed, 0..image);
-        let others = tape.rows(observed, image..seen);
-        let words = tape.rows(observed, seen..self.view.rows());
-        let map = tape.conv(conv, pixels);
-        let both = tape.concat(&[map, others]);
-        let looked = tape.mlp(look, both);
-        let listened = tape.dense(listen, words);
-        tape.concat(&[looked, listened])
+        self.reader.on_tape(tape, observed)
     }
 
     /// q_φ(z_t | z_{t−1}, a_{t−1}, x_t): mean and deviation; `previous` is none at the first step.

@@ -2,11 +2,14 @@
 //! and appendix, "Model Architectures and Training").
 //!
 //! ```text
-//! L_Q = E[(Q_ψ(z_t, a_t) − r_{t+1} − γ (1 − end_{t+1}) Q_ψ'(z_{t+1}, argmax_a Q_ψ(z_{t+1}, a)))²]     ψ' ← ψ' + rate (ψ − ψ')
+//! L_Q = E[(Q_ψ(z_t, a_t) − G_t)²]                                      ψ' ← ψ' + rate (ψ − ψ')
+//! G_t = r_{t+1} + γ (1 − end_{t+1}) [(1 − λ_{t+1}) Q_ψ'(z_{t+1}, a*_{t+1}) + λ_{t+1} G_{t+1}]     a* = argmax_a Q_ψ(z, a)
 //! ```
 //!
-//! The action is chosen by ψ and valued by ψ' (double Q-learning; the paper's plain maximum overestimates, and likelihoods and
-//! plans rest on the values themselves).
+//! Two refinements of the paper's DQN. The action is chosen by ψ and valued by ψ' (double Q-learning): the plain maximum
+//! overestimates, and likelihoods and plans rest on the values themselves. And returns are followed along the sequence for as
+//! long as the action taken is the best one (Watkins' Q(λ); λ_t = 0 elsewhere): a rescue lies 24 steps ahead, and a training of
+//! minutes has no time to pass its value back step by step.
 //!
 //! A phase lives some rounds (each by the expert with probability β, else ε-greedily) and then makes gradient steps on both
 //! losses at once; z is a constant to L_Q. Randomness is drawn anew from (seed, phase), and a checkpoint holds weights, target,
@@ -60,6 +63,8 @@ pub struct Settings {
     pub discount: f32,
     /// Rate at which the target follows.
     pub target_rate: f32,
+    /// λ where the best action was taken.
+    pub trace: f32,
 }
 
 impl Settings {
@@ -82,6 +87,7 @@ impl Settings {
             keep: 0.35,
             discount: 0.95,
             target_rate: 0.01,
+            trace: 0.8,
         };
         match domain {
             Domain::Driving => driving,
@@ -122,9 +128,10 @@ impl Settings {
             self.keep,
             self.discount,
             self.target_rate,
+            self.trace,
         ];
         (!shares.iter().all(|x| (0.0..=1.0).contains(x))).then(|| {
-            "expert, explore, their decays, keep, discount and target_rate must lie in [0, 1]"
+            "expert, explore, their decays, keep, discount, target_rate and trace must lie in [0, 1]"
                 .to_owned()
         })
     }
@@ -326,7 +333,7 @@ impl Trainer {
 
     /// One step of Adam on the batch that was drawn.
     fn gradient_step(&mut self) -> Losses {
-        let (model, target, discount) = (&self.model, &self.target, self.settings.discount);
+        let (model, target, settings) = (&self.model, &self.target, &self.settings);
         let mut losses = Losses::default();
         let share = 1.0 / self.workers.len() as f32;
         std::thread::scope(|scope| {
@@ -334,11 +341,11 @@ impl Trainer {
             let own = jobs.next();
             let others: Vec<_> = jobs
                 .map(|(worker, shard)| {
-                    scope.spawn(move || worker.step(model, target, shard, discount))
+                    scope.spawn(move || worker.step(model, target, shard, settings))
                 })
                 .collect();
             if let Some((worker, shard)) = own {
-                losses.accumulate(worker.step(model, target, shard, discount), share);
+                losses.accumulate(worker.step(model, target, shard, settings), share);
             }
             for job in others {
                 match job.join() {
@@ -384,7 +391,7 @@ impl Worker {
         model: &DiscreteModel,
         target: &DiscreteModel,
         shard: &Shard,
-        discount: f32,
+        settings: &Settings,
     ) -> Losses {
         let batch = &shard.batch;
         let (columns, all) = (batch.columns, batch.steps * batch.columns);
@@ -393,7 +400,7 @@ impl Worker {
         let mut tape = Tape::new(&model.parameters, &mut self.arena);
         let terms = model.negative_elbo(&mut tape, batch);
 
-        // r_{t+1} + γ (1 − end_{t+1}) Q_ψ'(z_{t+1}, argmax_a Q_ψ(z_{t+1}, a))
+        // G_t, from the last step to the first.
         let latent = model.sizes.latent;
         self.after.resize_to(latent, transitions);
         let z = &tape.value(terms.z)[latent * columns..];
@@ -403,15 +410,22 @@ impl Worker {
         self.goal.resize_to(1, transitions);
         self.counts.resize_to(1, transitions);
         self.classes.clear();
-        for j in 0..transitions {
+        for j in (0..transitions).rev() {
             let next = j + columns;
-            let taken = shard.taken[j];
-            let counts = taken != NO_ACTION;
-            let best = self.future.column(j)[largest(self.choices.column(j))];
-            let future = discount * (1.0 - shard.terminal[next]) * best;
+            let best = largest(self.choices.column(j));
+            let mut future = self.future.column(j)[best];
+            if usize::from(shard.taken[next]) == best {
+                // The last step's action is none, so that there is a G_{t+1} here.
+                let followed = self.goal.data()[next];
+                future += settings.trace * (followed - future);
+            }
+            let future = settings.discount * (1.0 - shard.terminal[next]) * future;
             self.goal.data_mut()[j] = batch.reward.data()[next] + future;
-            self.counts.data_mut()[j] = f32::from(u8::from(counts));
-            self.classes.push(if counts { taken.into() } else { 0 });
+        }
+        for (taken, counts) in shard.taken.iter().zip(self.counts.data_mut()) {
+            let known = *taken != NO_ACTION;
+            *counts = f32::from(u8::from(known));
+            self.classes.push(if known { (*taken).into() } else { 0 });
         }
         let z = tape.stop(terms.z);
         let before = tape.columns(z, 0..transitions);

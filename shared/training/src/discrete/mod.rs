@@ -2,11 +2,13 @@
 
 mod batch;
 mod checkpoint;
+pub mod cloning;
 mod dqn;
 pub mod implants;
 mod replay;
 mod rollout;
 mod rounds;
+pub mod sqil;
 
 pub use batch::{Dropout, Shard};
 pub use checkpoint::ResumeError;
