@@ -102,7 +102,7 @@ impl ImaginedPeople for Table {
         _: usize,
         _: usize,
         _: u64,
-        _: Option<[f32; 2]>,
+        _: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         Ok(())
     }
