@@ -91,9 +91,12 @@ impl Settings {
         };
         match domain {
             Domain::Driving => driving,
+            // Short phases: what an expert never does is valued by extrapolation until the policy has tried it, so that the policy
+            // has to act often.
             Domain::SearchRescue | Domain::BombDefusal => Self {
-                phases: 120,
-                rounds: 18,
+                phases: 300,
+                rounds: 9,
+                gradient_steps: 60,
                 expert: 1.0,
                 expert_decay: 0.98,
                 explore_decay: 0.9,

@@ -1,0 +1,208 @@
+//! The gridworlds' learning: stopping and resuming gives the same bytes as not stopping, implants move nothing else, limits are found, and an
+//! assistant that learned from a person's rounds helps them.
+
+use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, Words, World};
+use models::discrete::DiscreteModel;
+use nn::Parameters;
+use training::discrete::{Rounds, Settings, Trainer, cloning, implants, sqil};
+
+fn scene(domain: Domain, setting: Setting) -> (Scene, Words) {
+    let scene = Scene::of(domain, setting);
+    let words = Words::indicator(scene.sentences().len());
+    (scene, words)
+}
+
+fn world(domain: Domain, setting: Setting) -> World {
+    let (scene, words) = scene(domain, setting);
+    World::new(&scene, &words).unwrap()
+}
+
+fn rounds(domain: Domain, setting: Setting, count: u32) -> (Rounds, SimulatedPerson) {
+    let (scene, words) = scene(domain, setting);
+    let mut world = World::new(&scene, &words).unwrap();
+    let mut person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
+    let rounds = Rounds::record(&mut world, &mut person, 3, 100, count);
+    (rounds, person)
+}
+
+fn trainer(domain: Domain) -> Trainer {
+    let settings = Settings {
+        seed: 5,
+        phases: 4,
+        rounds: 3,
+        gradient_steps: 2,
+        sequences: 4,
+        length: 5,
+        ..Settings::of(domain)
+    };
+    Trainer::new(world(domain, Setting::Original), settings)
+}
+
+fn bits(parameters: &Parameters) -> Vec<u32> {
+    let tensors = parameters.iter().map(|(_, _, tensor)| tensor);
+    tensors
+        .flat_map(|tensor| tensor.data().iter().map(|x| x.to_bits()))
+        .collect()
+}
+
+#[test]
+fn resumed_is_the_same_as_never_stopped() {
+    for domain in Domain::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.safetensors");
+        let mut whole = trainer(domain);
+        let start = bits(&whole.model.parameters);
+        for _ in 0..4 {
+            whole.phase();
+        }
+        assert!(whole.is_done());
+        let mut first = trainer(domain);
+        first.phase();
+        first.phase();
+        first.save(&path, "test").unwrap();
+        drop(first);
+        let mut second = Trainer::resume(&path, world(domain, Setting::Original)).unwrap();
+        assert_eq!(second.phase, 2);
+        second.phase();
+        second.phase();
+        assert_ne!(bits(&whole.model.parameters), start);
+        assert_eq!(
+            bits(&whole.model.parameters),
+            bits(&second.model.parameters)
+        );
+        let other = folder.path().join("whole.safetensors");
+        whole.save(&other, "test").unwrap();
+        second.save(&path, "test").unwrap();
+        assert_eq!(
+            std::fs::read(&other).unwrap(),
+            std::fs::read(&path).unwrap()
+        );
+        // What was cut short is an error that names the file.
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 7]).unwrap();
+        let error = Trainer::resume(&path, world(domain, Setting::Original))
+            .err()
+            .unwrap();
+        assert!(error.to_string().contains("run.safetensors"), "{error}");
+    }
+}
+
+#[test]
+fn learning_implants_moves_nothing_else() {
+    for domain in Domain::ALL {
+        let model = trainer(domain).model;
+        let before = bits(&model.parameters);
+        let (rounds, _) = rounds(domain, Setting::Transfer, 4);
+        for with_policy in [true, false] {
+            let settings = implants::Settings {
+                iterations: 5,
+                ..implants::Settings::default()
+            };
+            let learned =
+                implants::learn(&model, with_policy, &rounds, &settings, &mut |_, _| {}).unwrap();
+            assert!(
+                learned.frozen_moved.is_empty(),
+                "{:?}",
+                learned.frozen_moved
+            );
+            assert_eq!(bits(&model.parameters), before);
+            let fresh = models::discrete::Implants::new(
+                &model,
+                with_policy,
+                &mut <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(0),
+            );
+            assert_ne!(bits(&learned.implants.parameters), bits(&fresh.parameters));
+            // The same again, byte for byte.
+            let again =
+                implants::learn(&model, with_policy, &rounds, &settings, &mut |_, _| {}).unwrap();
+            assert_eq!(
+                bits(&learned.implants.parameters),
+                bits(&again.implants.parameters)
+            );
+        }
+    }
+}
+
+#[test]
+fn rounds_survive_the_trip_and_damage_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rounds.safetensors");
+    for domain in Domain::ALL {
+        let (mut rounds, _) = rounds(domain, Setting::Transfer, 3);
+        rounds.source = "test".to_owned();
+        assert!(rounds.steps() > 3);
+        rounds.save(&path).unwrap();
+        let layout = world(domain, Setting::Transfer).layout().clone();
+        assert_eq!(Rounds::load(&path, &layout).unwrap(), rounds);
+        for other in Domain::ALL.into_iter().filter(|other| *other != domain) {
+            let layout = world(other, Setting::Transfer).layout().clone();
+            let error = Rounds::load(&path, &layout).unwrap_err();
+            assert!(error.to_string().contains(domain.name()), "{error}");
+        }
+        let bytes = std::fs::read(&path).unwrap();
+        for cut in [1, 10, 100] {
+            std::fs::write(&path, &bytes[..bytes.len() - cut]).unwrap();
+            assert!(Rounds::load(&path, &layout).is_err());
+        }
+    }
+}
+
+/// Cloning and soft-Q imitation fit a person better than chance does, on rounds that they did not learn from.
+#[test]
+fn policies_learned_from_rounds_know_more_than_chance() {
+    let domain = Domain::Driving;
+    let (learned_from, person) = rounds(domain, Setting::Original, 24);
+    let held = {
+        let (scene, words) = scene(domain, Setting::Original);
+        let mut world = World::new(&scene, &words).unwrap();
+        let mut person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
+        Rounds::record(&mut world, &mut person, 4, 500, 12)
+    };
+    let world = world(domain, Setting::Original);
+    let cloned = cloning::learn(
+        world.layout(),
+        &learned_from,
+        &held,
+        &cloning::Settings::default(),
+    );
+    let chance = 2.0_f32.ln();
+    assert!(cloned.validation < 0.85 * chance, "{}", cloned.validation);
+    assert_eq!(cloned.tried.len(), 3);
+    let least = cloned
+        .tried
+        .iter()
+        .map(|t| t.1)
+        .fold(f32::INFINITY, f32::min);
+    assert_eq!(least, cloned.validation);
+    let settings = sqil::Settings {
+        phases: 8,
+        ..sqil::Settings::default()
+    };
+    let imitated = sqil::learn(world, person.sight(), &learned_from, &held, &settings);
+    assert!(imitated.validation < chance, "{}", imitated.validation);
+    // Neither depends on anything but its arguments.
+    let again = cloning::learn(
+        &trainer(domain).model.layout,
+        &learned_from,
+        &held,
+        &cloning::Settings::default(),
+    );
+    assert_eq!(
+        bits(&again.policy.parameters),
+        bits(&cloned.policy.parameters)
+    );
+}
+
+#[test]
+fn nothing_is_learned_from_nothing() {
+    let model: DiscreteModel = trainer(Domain::Driving).model;
+    let empty = Rounds::new(&model.layout, 0);
+    let learned = implants::learn(
+        &model,
+        true,
+        &empty,
+        &implants::Settings::default(),
+        &mut |_, _| {},
+    );
+    assert_eq!(learned.err(), Some(implants::NothingToLearn));
+}
