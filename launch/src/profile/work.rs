@@ -266,10 +266,7 @@ impl Reader<'_> {
     pub fn path(&self, output: Topic, episode: u32, step: u32, from: u64) -> Vec<Stretch> {
         let mut path = Vec::new();
         let (mut output, mut step) = (output, step);
-        loop {
-            let Some(work) = self.work(output, episode, step) else {
-                break;
-            };
+        while let Some(work) = self.work(output, episode, step) {
             let mut stretches = self.stretches(episode, &work);
             stretches.reverse();
             path.extend(stretches.into_iter().filter_map(|stretch| {
