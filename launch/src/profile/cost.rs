@@ -12,7 +12,7 @@ use super::system::cpu_ns;
 use super::table::Table;
 use super::watch::{Ports, Watch, own};
 use anyhow::Result;
-use messages::{Outcome, topic};
+use messages::{Header, LidarFrame, topic};
 use runtime::{Input, ObserverWake, now_ns};
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ const TURN_TICKS: u64 = 20;
 const FEWEST: usize = 6;
 /// After subscribers came or went.
 const SETTLE_NS: u64 = 30_000_000;
-/// Between two looks for an outcome.
+/// Between two looks for a frame.
 const MARKER_NS: u64 = 500_000;
 /// How sure the interval shall be.
 const CONFIDENCE: f64 = 0.95;
@@ -78,7 +78,8 @@ fn set_cpu(pids: &[u32]) -> (u64, u64) {
     (cpu, now_ns())
 }
 
-/// Measures for at least `seconds`; none if the run ends before there is enough to tell, or for a signal.
+/// Measures for at least `seconds`; none if the run ends before there is enough to tell, or for a signal. `plans`: whether
+/// the planner imagines.
 ///
 /// # Errors
 /// When a port fails.
@@ -87,22 +88,28 @@ pub fn measure(
     pids: &[u32],
     seconds: f64,
     tick_ns: u64,
+    plans: bool,
 ) -> Result<Option<Cost>> {
     let turn_ns = TURN_NS.max(TURN_TICKS * tick_ns);
     let turns = FEWEST.max((seconds * 1e9 / (2 * turn_ns) as f64).round() as usize);
     let (mut watched, mut alone) = (Vec::new(), Vec::new());
     let mut own_cpu = (0, 0);
-    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, one subscriber of
-    // outcomes, stays until the others are gone, and comes back before them.
+    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, one subscriber of frames,
+    // is there while the others come and go.
     let mut left: Option<Moment> = None;
     for turn in 0..=turns {
-        let mut marker = watch.observer.input::<Outcome>(topic::OUTCOME)?;
-        let Some(first) = moment(watch, &mut marker, pids)? else {
+        let mut marker = watch.observer.input::<LidarFrame>(topic::LIDAR)?;
+        let Some(first) = moment(watch, pids, || newest(&mut marker))? else {
             return Ok(None);
         };
         alone.extend(left.and_then(|left| first.since(&left)));
-        let mut ports = Ports::attach(&watch.observer)?;
-        let Some(settled) = settle(watch, Some(&mut ports), &mut marker, pids)? else {
+        let mut ports = Ports::attach(&watch.observer, plans)?;
+        drop(marker);
+        let settled = match look_on(watch, &mut ports, SETTLE_NS)? {
+            true => moment(watch, pids, || ports.newest_frame())?,
+            false => None,
+        };
+        let Some(settled) = settled else {
             return Ok(None);
         };
         let began = own();
@@ -112,12 +119,16 @@ pub fn measure(
         let ended = own();
         own_cpu.0 += ended.cpu_ns - began.cpu_ns;
         own_cpu.1 += ended.at_ns - began.at_ns;
-        let Some(last) = moment(watch, &mut marker, pids)? else {
+        let Some(last) = moment(watch, pids, || ports.newest_frame())? else {
             return Ok(None);
         };
         watched.extend(last.since(&settled));
+        let mut marker = watch.observer.input::<LidarFrame>(topic::LIDAR)?;
         drop(ports);
-        left = settle(watch, None, &mut marker, pids)?;
+        if watch.observer.sleep(now_ns() + SETTLE_NS)? != ObserverWake::Deadline {
+            return Ok(None);
+        }
+        left = moment(watch, pids, || newest(&mut marker))?;
         drop(marker);
         if turn < turns && watch.observer.sleep(now_ns() + turn_ns)? != ObserverWake::Deadline {
             return Ok(None);
@@ -129,33 +140,34 @@ pub fn measure(
 /// A moment of the run.
 #[derive(Clone, Copy, Debug)]
 struct Moment {
-    /// Sequence number of the newest outcome, and when it was sent.
-    outcome: (u64, u64),
+    /// Sequence number of the newest frame, and when it was sent.
+    frame: (u64, u64),
     /// Processor time of the set so far, and when it was read.
     cpu: (u64, u64),
 }
 
 impl Moment {
     fn since(&self, before: &Self) -> Option<Turn> {
-        let steps = self.outcome.0.checked_sub(before.outcome.0)?;
-        let tick = self.outcome.1.saturating_sub(before.outcome.1) as f64 / steps.max(1) as f64;
+        let steps = self.frame.0.checked_sub(before.frame.0)?;
+        let tick = self.frame.1.saturating_sub(before.frame.1) as f64 / steps.max(1) as f64;
         let cpu = busy(before.cpu, self.cpu) * tick;
         (steps > 0).then_some(Turn { tick, cpu })
     }
 }
 
-/// Waits for the next outcome; none if the run ends, or for a signal.
-fn moment(watch: &mut Watch, marker: &mut Input<Outcome>, pids: &[u32]) -> Result<Option<Moment>> {
-    while marker.take()? {}
+/// Waits for a frame that is sent from now on; none if the run ends, or for a signal. `newest`: the newest frame's header.
+fn moment(
+    watch: &mut Watch,
+    pids: &[u32],
+    mut newest: impl FnMut() -> Result<Option<Header>>,
+) -> Result<Option<Moment>> {
     let since = now_ns();
     loop {
-        let mut newest = None;
-        while let Some(outcome) = marker.next()? {
-            newest = Some((outcome.header.sequence, outcome.header.sent_ns));
-        }
-        if let Some(outcome) = newest.filter(|(_, sent)| *sent >= since) {
-            let cpu = set_cpu(pids);
-            return Ok(Some(Moment { outcome, cpu }));
+        if let Some(header) = newest()?.filter(|header| header.sent_ns >= since) {
+            return Ok(Some(Moment {
+                frame: (header.sequence, header.sent_ns),
+                cpu: set_cpu(pids),
+            }));
         }
         if watch.observer.sleep(now_ns() + MARKER_NS)? != ObserverWake::Deadline {
             return Ok(None);
@@ -163,22 +175,10 @@ fn moment(watch: &mut Watch, marker: &mut Input<Outcome>, pids: &[u32]) -> Resul
     }
 }
 
-/// Lets ports that came or went settle, then takes the moment.
-fn settle(
-    watch: &mut Watch,
-    ports: Option<&mut Ports>,
-    marker: &mut Input<Outcome>,
-    pids: &[u32],
-) -> Result<Option<Moment>> {
-    let calm = match ports {
-        Some(ports) => look_on(watch, ports, SETTLE_NS)?,
-        None => watch.observer.sleep(now_ns() + SETTLE_NS)? == ObserverWake::Deadline,
-    };
-    if calm {
-        moment(watch, marker, pids)
-    } else {
-        Ok(None)
-    }
+/// The newest header that waits at the marker.
+fn newest(marker: &mut Input<LidarFrame>) -> Result<Option<Header>> {
+    while marker.take()? {}
+    Ok(marker.header().copied())
 }
 
 /// Watches for so long; false if the run ends, or for a signal.

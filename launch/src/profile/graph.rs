@@ -4,13 +4,11 @@ use crate::process::NAMES;
 use messages::topic;
 use runtime::ClockMode;
 
-/// A topic on which a step leaves exactly one message.
+/// A topic on which a step leaves exactly one message, which ends a process's step: one for every process but the recorder.
+/// What the world sends besides, `world/outcome` and `world/scene`, is not watched: it goes out just before the frame, and
+/// every subscriber costs its sender something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Topic {
-    /// world/outcome
-    Outcome,
-    /// world/scene
-    Scene,
     /// world/lidar
     Lidar,
     /// belief/robot
@@ -26,7 +24,7 @@ pub enum Topic {
 }
 
 /// How many topics.
-pub const TOPICS: usize = 8;
+pub const TOPICS: usize = 6;
 
 /// Places of the processes in launch order.
 pub const WORLD: usize = 0;
@@ -42,8 +40,6 @@ impl Topic {
     /// As iceoryx2 knows it.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Outcome => topic::OUTCOME,
-            Self::Scene => topic::SCENE,
             Self::Lidar => topic::LIDAR,
             Self::RobotBelief => topic::ROBOT_BELIEF,
             Self::HumanBelief => topic::HUMAN_BELIEF,
@@ -56,7 +52,7 @@ impl Topic {
     /// Who sends it: a place in [`NAMES`].
     pub fn sender(self) -> usize {
         match self {
-            Self::Outcome | Self::Scene | Self::Lidar => WORLD,
+            Self::Lidar => WORLD,
             Self::RobotBelief => BELIEF,
             Self::HumanBelief => HUMAN,
             Self::Decision => PLANNER,
@@ -66,8 +62,8 @@ impl Topic {
     }
 }
 
-/// The message that ends a process's step, for the processes that send one: all but the recorder.
-pub const STEP_ENDS: [Topic; 6] = [
+/// All of them.
+pub const STEP_ENDS: [Topic; TOPICS] = [
     Topic::Lidar,
     Topic::Action,
     Topic::RobotBelief,

@@ -3,6 +3,7 @@
 //! The profiler is one more subscriber of every topic ([`watch`]). All times come from the messages' headers
 //! ([`work`] says what is known exactly and what is inferred), all use of cores and memory from the kernel ([`system`]).
 
+mod activity;
 mod compare;
 mod cost;
 mod graph;
@@ -69,6 +70,10 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     let mut slowdown = None;
     if arguments.own_cost > 0.0 && matches!(observed.end, End::Enough | End::Full) {
         screen.status("measuring what watching costs".to_owned());
+        let plans = observed
+            .table
+            .iter()
+            .any(|(.., step)| step.imagination.is_some());
         let tick = Metric::new("", Samples::new(&observed.reader()).of(metrics::TICK), 0);
         let pids: Vec<u32> = observed
             .processes
@@ -76,7 +81,7 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
             .map(|process| process.pid)
             .filter(|pid| *pid != 0)
             .collect();
-        slowdown = cost::measure(&mut watch, &pids, arguments.own_cost, tick.p50)?;
+        slowdown = cost::measure(&mut watch, &pids, arguments.own_cost, tick.p50, plans)?;
     }
     let wrong = watch.end();
     screen.finish();

@@ -156,6 +156,12 @@ impl Table {
         episode.steps.get(place as usize)
     }
 
+    /// The last step of an episode.
+    pub fn last_step(&self, episode: u32) -> Option<u32> {
+        let episode = self.episodes.get(&episode)?;
+        (episode.first + episode.steps.len() as u32).checked_sub(1)
+    }
+
     /// A message of a step.
     pub fn mark(&self, topic: Topic, episode: u32, step: u32) -> Option<&Mark> {
         self.step(episode, step)?.mark(topic)

@@ -237,7 +237,7 @@ pub fn about(observer: &Observer) -> About {
     }
     about.scene = text("world", "/scene/name");
     about.seed = option("world", "/seed").and_then(|seed| seed.as_u64());
-    let number = |path| Some(option("driver", path)?.as_i64()?);
+    let number = |path| option("driver", path)?.as_i64();
     about.driver = number("/person/simulated/id")
         .map(|id| format!("sim:{id}"))
         .or_else(|| Some(format!("recorded:{}", number("/person/recorded")?)));

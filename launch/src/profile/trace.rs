@@ -2,8 +2,8 @@
 //!
 //! One track per process; slices for computing and waiting; a flow arrow for every message that somebody used.
 
+use super::activity::{Activity, Flow};
 use super::metrics::label;
-use super::result::{Activity, Flow};
 use super::work::{Kind, Reader, Stretch};
 use crate::process::NAMES;
 use serde_json::{Value, json};

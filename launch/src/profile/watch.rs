@@ -8,28 +8,31 @@ use crate::process::NAMES;
 use anyhow::Result;
 use messages::{
     CommAction, Display, DriverAction, Header, HumanBelief, ImagineAnswer, ImagineRequest,
-    LidarFrame, Outcome, Report, RobotBelief, Scene, topic,
+    LidarFrame, Report, RobotBelief, topic,
 };
 use runtime::instance::{default_root, nodes};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
 use std::collections::BTreeMap;
 
-/// Between two looks. Inputs hold a thousand messages each, a tenth of a second of the fastest lockstep run …
-const LOOK_NS: u64 = 5_000_000;
-/// … but only four of the planner's half-megabyte questions, of which two are open at a time.
+/// Between two looks. Inputs hold a thousand messages each, a tenth of a second of the fastest lockstep run; the rarer the
+/// looks, the less they disturb: messages are then fetched in long rows …
+const LOOK_NS: u64 = 20_000_000;
+/// … but only four of the planner's half-megabyte questions are held, of which two are open at a time.
 const LOOK_AT_PLANS_NS: u64 = 1_500_000;
+/// Without a question for so long, none are expected.
+const PLANS_NS: u64 = 1_000_000_000;
 /// Between two readings of processor times.
 const USAGE_NS: u64 = 250_000_000;
 /// How long a process may take for a report.
 const REPORT_NS: u64 = 1_000_000_000;
+/// Between two looks for it.
+const REPORT_LOOK_NS: u64 = 2_000_000;
 /// [`CommAction::reason`] of a planner that never says anything.
 const NO_PLANNER: u32 = 1;
 
 /// One subscriber of every topic of a step.
 pub struct Ports {
     lidar: Input<LidarFrame>,
-    scene: Input<Scene>,
-    outcome: Input<Outcome>,
     robot_belief: Input<RobotBelief>,
     human_belief: Input<HumanBelief>,
     decision: Input<CommAction>,
@@ -39,24 +42,20 @@ pub struct Ports {
     answers: Input<ImagineAnswer>,
     /// The newest frame's header.
     pub frame: Option<Header>,
-    /// The newest episode that ended.
-    pub ended: Option<u32>,
     /// Messages taken.
     pub messages: u64,
-    /// Whether the newest look found a question.
-    sees_plans: bool,
+    /// Until when questions are expected.
+    plans_until: u64,
 }
 
 impl Ports {
-    /// Subscribes.
+    /// Subscribes. `expects_plans`: whether the planner may be imagining, so that looks must be frequent from the start.
     ///
     /// # Errors
     /// [`PortError`], as when the set speaks another version of a message.
-    pub fn attach(observer: &Observer) -> Result<Self, PortError> {
+    pub fn attach(observer: &Observer, expects_plans: bool) -> Result<Self, PortError> {
         Ok(Self {
             lidar: observer.input(topic::LIDAR)?,
-            scene: observer.input(topic::SCENE)?,
-            outcome: observer.input(topic::OUTCOME)?,
             robot_belief: observer.input(topic::ROBOT_BELIEF)?,
             human_belief: observer.input(topic::HUMAN_BELIEF)?,
             decision: observer.input(topic::COMM_ACTION)?,
@@ -65,13 +64,16 @@ impl Ports {
             questions: observer.input(topic::IMAGINE)?,
             answers: observer.input(topic::IMAGINE_ANSWER)?,
             frame: None,
-            ended: None,
             messages: 0,
-            sees_plans: false,
+            plans_until: if expects_plans {
+                now_ns() + PLANS_NS
+            } else {
+                0
+            },
         })
     }
 
-    /// Takes what waits. Of every message only the header is read, and of decisions and outcomes a number more.
+    /// Takes what waits. Of every message only the header is read, and of decisions and imagination a number more.
     pub fn drain(&mut self, table: &mut Table) -> Result<(), PortError> {
         let questions_before = self.questions.received();
         let mut messages = 0;
@@ -86,23 +88,13 @@ impl Ports {
             )*};
         }
         headers! {
-            scene: Scene, robot_belief: RobotBelief, human_belief: HumanBelief, display: Display, action: Action,
+            robot_belief: RobotBelief, human_belief: HumanBelief, display: Display, action: Action,
         }
         while self.lidar.take()? {
             if let Some(header) = self.lidar.header() {
                 messages += 1;
                 table.add(Topic::Lidar, header);
                 self.frame = Some(*header);
-            }
-        }
-        while self.outcome.take()? {
-            if let Some(outcome) = self.outcome.message() {
-                let header = &outcome.header;
-                messages += 1;
-                table.add(Topic::Outcome, header);
-                if outcome.end != 0 {
-                    self.ended = Some(header.episode);
-                }
             }
         }
         while self.decision.take()? {
@@ -124,13 +116,24 @@ impl Ports {
             }
         }
         self.messages += messages;
-        self.sees_plans = self.questions.received() != questions_before;
+        if self.questions.received() != questions_before {
+            self.plans_until = now_ns() + PLANS_NS;
+        }
         Ok(())
+    }
+
+    /// The newest frame's header; what waits on other topics is left where it is.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn newest_frame(&mut self) -> Result<Option<Header>> {
+        while self.lidar.take()? {}
+        Ok(self.lidar.header().copied())
     }
 
     /// How long to sleep until the next look.
     pub fn pause_ns(&self) -> u64 {
-        if self.sees_plans {
+        if now_ns() < self.plans_until {
             LOOK_AT_PLANS_NS
         } else {
             LOOK_NS
@@ -141,8 +144,6 @@ impl Ports {
     fn lost(&self) -> BTreeMap<String, u64> {
         [
             (topic::LIDAR, self.lidar.lost()),
-            (topic::SCENE, self.scene.lost()),
-            (topic::OUTCOME, self.outcome.lost()),
             (topic::ROBOT_BELIEF, self.robot_belief.lost()),
             (topic::HUMAN_BELIEF, self.human_belief.lost()),
             (topic::COMM_ACTION, self.decision.lost()),
@@ -241,7 +242,7 @@ impl Watch {
     /// When a port fails.
     pub fn observe(&mut self, until: Until) -> Result<Observed> {
         let attached_ns = now_ns();
-        let mut ports = Ports::attach(&self.observer)?;
+        let mut ports = Ports::attach(&self.observer, true)?;
         let mut table = Table::default();
         let mut processes = vec![Watched::default(); NAMES.len() + 1];
         let mut end = self.first_frame(&mut ports, &mut table)?;
@@ -267,7 +268,8 @@ impl Watch {
                 next_usage = now + USAGE_NS;
                 read_usage(&mut processes, false);
             }
-            let episodes = ports.ended.map_or(0, |episode| episode + 1);
+            // The frame of an episode says that those before it are over.
+            let episodes = ports.frame.map_or(0, |frame| frame.episode);
             if until.ns.is_some_and(|ns| now - started >= ns)
                 || until.episodes.is_some_and(|asked| episodes >= asked)
             {
@@ -342,7 +344,7 @@ impl Watch {
             newest.is_some_and(|report| report.header.sent_ns >= asked)
         };
         while now_ns() < asked + REPORT_NS {
-            let wake = self.observer.sleep(now_ns() + LOOK_NS)?;
+            let wake = self.observer.sleep(now_ns() + REPORT_LOOK_NS)?;
             self.take_reports(processes, run_id, since)?;
             let all = processes[..NAMES.len()]
                 .iter()

@@ -22,6 +22,9 @@ use runtime::ClockMode;
 /// In real time, an input of another step than the output's is looked for so many steps back.
 const LOOK_BACK: u32 = 64;
 
+/// Answers since the human model's last step belong to plans at most so many steps back.
+const BEHIND: u32 = 3;
+
 /// An input that a step used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Used {
@@ -178,15 +181,28 @@ impl Reader<'_> {
         self.table.step(episode, step)?.imagination.as_deref()
     }
 
-    /// What the human model had computed for answers since its step before.
+    /// What the human model had computed for answers since its step before, which may belong to the episode before.
     fn answered_before(&self, episode: u32, step: u32, belief: &Mark) -> u64 {
-        let before = step
+        let table = self.table;
+        let last_episode = episode
             .checked_sub(1)
-            .and_then(|before| self.table.mark(Topic::HumanBelief, episode, before))
-            .map_or(0, |mark| mark.sent);
-        let plans = step.saturating_sub(3)..=step;
-        plans
-            .filter_map(|plan| self.imagination(episode, plan))
+            .filter(|_| step <= BEHIND)
+            .and_then(|before| Some((before, table.last_step(before)?)));
+        let recent = [Some((episode, step)), last_episode]
+            .into_iter()
+            .flatten()
+            .flat_map(|(episode, step)| {
+                (step.saturating_sub(BEHIND)..=step).map(move |step| (episode, step))
+            });
+        let before = recent
+            .clone()
+            .filter_map(|(episode, step)| table.mark(Topic::HumanBelief, episode, step))
+            .map(|mark| mark.sent)
+            .filter(|sent| *sent < belief.sent)
+            .max()
+            .unwrap_or(0);
+        recent
+            .filter_map(|(episode, step)| self.imagination(episode, step))
             .flat_map(|plan| &plan.answers)
             .filter(|(_, answer)| answer.sent > before && answer.sent < belief.sent)
             .map(|(_, answer)| answer.compute)
@@ -266,10 +282,7 @@ impl Reader<'_> {
     pub fn path(&self, output: Topic, episode: u32, step: u32, from: u64) -> Vec<Stretch> {
         let mut path = Vec::new();
         let (mut output, mut step) = (output, step);
-        loop {
-            let Some(work) = self.work(output, episode, step) else {
-                break;
-            };
+        while let Some(work) = self.work(output, episode, step) {
             let mut stretches = self.stretches(episode, &work);
             stretches.reverse();
             path.extend(stretches.into_iter().filter_map(|stretch| {

@@ -139,6 +139,21 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
     table.add_decision(&decided, true);
     // The human model's next step: 15 beyond its answers.
     add(&mut table, Topic::HumanBelief, 1, 1_300, 95);
+    // A last plan of this episode, answered before the next one's first step: 30 beyond its answer.
+    let last = Header {
+        step: 1,
+        sent_ns: 1_400,
+        compute_ns: 60,
+        ..Header::default()
+    };
+    table.add_imagination(&last, 0, true);
+    let first = Header {
+        episode: 1,
+        sent_ns: 1_500,
+        compute_ns: 90,
+        ..Header::default()
+    };
+    table.add(Topic::HumanBelief, &first);
     let reader = Reader {
         table: &table,
         clock: LOCKSTEP,
@@ -154,8 +169,8 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
     assert_eq!(waited, 110);
     assert_eq!(reader.answers(0, 0), [(1_060, 1_100), (1_135, 1_175)]);
     let samples = Samples::new(&reader);
-    assert_eq!(samples.of("compute human"), [10, 15]);
-    assert_eq!(samples.of(metrics::ANSWERS), [80]);
+    assert_eq!(samples.of("compute human"), [10, 15, 30]);
+    assert_eq!(samples.of(metrics::ANSWERS), [80, 60]);
     assert_eq!(samples.of(metrics::QUESTION), [10, 5]);
     assert_eq!(samples.of(metrics::AWAITED), [110]);
 }
