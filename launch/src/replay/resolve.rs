@@ -177,7 +177,7 @@ impl Resolved {
                 Some(path)
             }
             Implants::Learn => {
-                self.learn(&path)?;
+                self.learn(&drive.parts[0].file, &path)?;
                 Some(path)
             }
         };
@@ -186,10 +186,10 @@ impl Resolved {
     }
 
     /// Learns what the recorded person sees and does, as `mirror up` would have at its start.
-    fn learn(&self, path: &Path) -> Result<()> {
+    fn learn(&self, recording: &Path, path: &Path) -> Result<()> {
         let kind = self.human.kind;
-        let world: world::Options = options(&self.setup, "world", path)?;
-        let driver: driver::Options = options(&self.setup, "driver", path)?;
+        let world: world::Options = options(&self.setup, "world", recording)?;
+        let driver: driver::Options = options(&self.setup, "driver", recording)?;
         let Driving::Simulated(person) = &driver.person else {
             bail!(
                 "--human {} needs --implants for a recorded driver",
