@@ -1,21 +1,25 @@
 #!/usr/bin/env python3
-"""A human model in Python: another program in the place of the human-model process of a MIRROR set.
+"""A human model in Python: another program in the place of a MIRROR set's human-model process.
 
     mirror up --exec human="python3 examples/python/human_model.py"
     mirror swap human --exec "python3 examples/python/human_model.py" --instance NAME      (and `swap human self` back)
 
-Needs `pip install iceoryx2==0.10.* numpy`. To put your own model in: write a class with the four methods of `SectorDriver`
-(`reset`, `perceive`, `predict`, `spread`), and hand it to `attend`. Everything else here is the part that every human
-model plays: it publishes what it believes of the person after every step, and answers the planner's question what imagined
-people would do, whole groups at once.
+Needs `pip install iceoryx2==0.10.* numpy`. To put your own model in, write a class with the methods of `SectorDriver`, and
+hand it to `Mind` instead. `Mind` and `attend` are the part that every human model plays: it publishes what it believes of
+the person after every step, and answers the planner's question what imagined people would do, whole groups at once.
+
+In lockstep everybody waits for this process. In real time the planner waits 50 ms for an answer, and without one says
+nothing and why (`CommAction.reason` 2); this model takes 1 to 3 ms for a group of 500 people.
 
 The model: people remember, for each of the six sectors around the car, how far the nearest car is and how fast it comes
 closer. They see as far as the fog lets them, see what is highlighted and hear what is said; what they do not see moves on in
 their minds as it moved last, and is forgotten after some seconds. They follow the car ahead as the Intelligent Driver Model
-does, keep their lane, and change it when the car ahead is in their way and they know of nobody beside them.
+does, keep their lane, and change it when the car ahead is in their way and they know of nobody beside them; hands and feet
+come after only gradually.
 """
 
 import argparse
+import copy
 import sys
 from collections import deque
 
@@ -51,19 +55,19 @@ class People:
         self.closing_mps = np.zeros((rows, SECTORS), np.float32)
         self.age = np.zeros((rows, SECTORS), np.float32)  # steps since they last knew
         self.ego = np.zeros((rows, EGO_VALUES), np.float32)  # rad, m/s, m, m, rad
-        # Of tanh's argument; for the person, learned from what they do.
+        self.did = np.zeros((rows, ACTIONS), np.float32)  # atanh of their last action
+        # Of that of their next; for the person, learned from what they do.
         self.deviation = np.tile(np.array([0.4, 0.2], np.float32), (rows, 1))
 
-    def copy(self) -> "People":
-        twin = People.__new__(People)
-        twin.__dict__ = {name: array.copy() for name, array in self.__dict__.items()}
-        return twin
+    def __len__(self) -> int:
+        return len(self.gap_m)
 
 
 class SectorDriver:
     """People who know the nearest car of each sector."""
 
     FORGET_STEPS = 20  # 3 s
+    INERTIA = 0.7  # how much of an action stays in the next
     WHEELBASE_M, FULL_STEER_RAD, LANE_M = 2.85, np.radians(20.0), 3.5
     DESIRED_MPS, HEADWAY_S, STANDSTILL_M = 38 / 3.6, 1.2, 2.2 + 2.35  # the LIDAR sits in the car's middle
     ACCELERATION, DECELERATION, FULL_THROTTLE, FULL_BRAKE, DRAG = 2.8, 3.0, 3.5, 8.0, 0.03
@@ -88,7 +92,7 @@ class SectorDriver:
     def spread(self, person: People, rows: int, random: np.random.Generator) -> People:
         """A group of people who believe about what the person believes."""
         group = People(rows)
-        for name, array in person.__dict__.items():
+        for name, array in vars(person).items():
             getattr(group, name)[:] = array
         noise = random.standard_normal(group.gap_m.shape, np.float32)
         known = group.gap_m < RANGE_M
@@ -101,11 +105,12 @@ class SectorDriver:
         """The longer ago they last saw a car, the less people know where it is."""
         return 0.5 + 0.3 * people.age
 
-    def perceive(self, people: People, range_m, ego, shown, heard, heard_m):
+    def perceive(self, people: People, did, range_m, ego, shown, heard, heard_m):
         """Takes in what people could perceive in a step.
 
-        `range_m`: nearest return, `people × azimuths`; `ego`: `people × 5`, as in `People`; `shown`, `heard`: which sectors
-        are highlighted and spoken about, `people × 6`; `heard_m`: the distances that are said.
+        `did`: atanh of the action that they took one step before, `people × 2`, zeros at the start; `range_m`: nearest
+        return, `people × azimuths`; `ego`: `people × 5`, as in `People`; `shown`, `heard`: which sectors are highlighted
+        and spoken about, `people × 6`; `heard_m`: the distances that are said.
         """
         highlighted = shown[:, SECTOR_OF] & ON_DISPLAY
         visible = highlighted | (range_m <= self.sight_m)
@@ -124,10 +129,10 @@ class SectorDriver:
         people.closing_mps = np.where(gap_m < RANGE_M, closing_mps, 0).astype(np.float32)
         people.gap_m = gap_m
         people.age = np.where(known, 0, people.age + 1).astype(np.float32)
-        people.ego = ego
+        people.ego, people.did = ego, did
 
     def predict(self, people: People):
-        """Mean of atanh(action), `people × 2`; `people.deviation` goes with it."""
+        """What they will do: mean and deviation of atanh(action), `people × 2` each."""
         heading, speed, aside, across, turn = people.ego.T
         ahead_m = np.maximum(people.gap_m[:, FRONT] - self.STANDSTILL_M, 0.5)
         braking = 2 * np.sqrt(self.ACCELERATION * self.DECELERATION)
@@ -149,7 +154,20 @@ class SectorDriver:
         curvature = turn / 10 + (slant - heading) / (0.45 * speed)
         steer = np.arctan(self.WHEELBASE_M * curvature) / self.FULL_STEER_RAD
         action = np.stack([pedal, steer], 1)
-        return np.arctanh(np.clip(action, -ACTION_EDGE, ACTION_EDGE)).astype(np.float32)
+        mean = self.INERTIA * people.did + (1 - self.INERTIA) * unsquash(action)
+        return mean.astype(np.float32), people.deviation
+
+    def learn(self, person: People, missed):
+        """`missed`: by how much the person's atanh(action) was another than the predicted mean."""
+        variance = 0.95 * person.deviation**2 + 0.05 * np.minimum(missed**2, 4)
+        person.deviation = np.clip(np.sqrt(variance), 0.05, 1.5).astype(np.float32)
+
+    def describe(self, person: People):
+        """The belief as numbers, of at most `LATENT`, and their deviations."""
+        known = person.gap_m[0] < RANGE_M
+        gap_deviation = np.where(known, self.gap_deviation_m(person)[0], 0) / RANGE_M
+        mean = [*(person.gap_m[0] / RANGE_M), *(person.closing_mps[0] / 10)]
+        return mean, [*gap_deviation, *(0.05 + 0.01 * person.age[0])]
 
 
 class Mind:
@@ -157,7 +175,7 @@ class Mind:
 
     def __init__(self, model):
         self.model = model
-        self.people, self.position, self.mean = None, None, None
+        self.position, self.before, self.people, self.expected = None, None, None, None
         # A real-time plan starts several times from the same step while the person moves on.
         self.remembered = deque(maxlen=4)
         self.groups = {}
@@ -169,10 +187,17 @@ class Mind:
         """Updates the belief with what the person could perceive, and `taken`, what they did one step before (none at an
         episode's start); writes it into `belief`, all but the header."""
         position = position_of(frame)
-        if position[1] == 0 or not self.follows(position[0]):
-            self.people = self.model.reset()
-        elif taken is not None:
-            belief.log_likelihood = self._learn(taken)
+        if position != self.position:
+            did, likelihood = np.zeros((1, ACTIONS), np.float32), 0.0
+            if position[1] == 0 or not self.follows(position[0]):
+                self.people = self.model.reset()
+            elif taken is not None:
+                did[0] = unsquash(taken)
+                likelihood = self._learn(did[0])
+            self.before = (self.people, did, likelihood)
+        # In real time a step may be shown again, with a decision that came late: then it is perceived anew.
+        before, did, belief.log_likelihood = self.before
+        self.people, self.position = copy.deepcopy(before), position
         range_m = RANGE_M * np.ctypeslib.as_array(frame.range).reshape(1, HEIGHT_BANDS, AZIMUTHS).min(axis=1)
         ego = (np.ctypeslib.as_array(frame.ego) * EGO_UNIT)[None, :]
         heard, heard_m = np.zeros((1, SECTORS), bool), np.full((1, SECTORS), RANGE_M, np.float32)
@@ -181,32 +206,24 @@ class Mind:
                 heard[0, utterance.sector] = True
                 heard_m[0, utterance.sector] = utterance.range_m if utterance.kind > 0 else RANGE_M
         shown = bits_of(np.array([display.highlighted]))
-        self.model.perceive(self.people, range_m, ego, shown, heard, heard_m)
-        self.mean = self.model.predict(self.people)
-        self.position = position
-        self.remembered.append((position, self.people.copy()))
-        self._write(belief)
-
-    def _learn(self, taken) -> float:
-        """How likely the action was, as a density over (-1, 1); and how far people stray from what is expected."""
-        u = np.arctanh(np.clip(taken, -ACTION_EDGE, ACTION_EDGE))
-        missed, deviation = u - self.mean[0], self.people.deviation[0]
-        density = -0.5 * (missed / deviation) ** 2 - np.log(deviation) - 0.5 * np.log(2 * np.pi)
-        density -= np.log(1 - np.tanh(u) ** 2)
-        variance = 0.95 * deviation**2 + 0.05 * np.minimum(missed**2, 4)
-        self.people.deviation[0] = np.clip(np.sqrt(variance), 0.05, 1.5)
-        return float(density.sum())
-
-    def _write(self, belief):
-        people = self.people
-        latent = 2 * SECTORS
-        belief.latent = latent
-        belief.mean[:latent] = [*(people.gap_m[0] / RANGE_M), *(people.closing_mps[0] / 10)]
-        gap_deviation = np.where(people.gap_m[0] < RANGE_M, self.model.gap_deviation_m(people)[0], 0) / RANGE_M
-        belief.deviation[:latent] = [*gap_deviation, *(0.05 + 0.01 * people.age[0])]
-        belief.action_mean[:] = np.tanh(self.mean[0]).tolist()
-        belief.action_deviation[:] = people.deviation[0].tolist()
+        self.model.perceive(self.people, did, range_m, ego, shown, heard, heard_m)
+        self.expected = self.model.predict(self.people)
+        self.remembered.append((position, copy.deepcopy(self.people)))
+        mean, deviation = self.model.describe(self.people)
+        belief.latent = len(mean)
+        belief.mean[: len(mean)] = mean
+        belief.deviation[: len(mean)] = deviation
+        belief.action_mean[:] = np.tanh(self.expected[0][0]).tolist()
+        belief.action_deviation[:] = self.expected[1][0].tolist()
         belief.kind[: len(KIND)] = KIND
+
+    def _learn(self, u) -> float:
+        """How likely the action tanh(u) was, as the logarithm of a density over (-1, 1), before the model learns of it."""
+        mean, deviation = self.expected[0][0], self.expected[1][0]
+        density = -0.5 * ((u - mean) / deviation) ** 2 - np.log(deviation) - 0.5 * np.log(2 * np.pi)
+        density -= np.log(1 - np.tanh(u) ** 2)
+        self.model.learn(self.people, u - mean)
+        return float(density.sum())
 
     def answer(self, question, answer):
         """Answers a question about a group of imagined people."""
@@ -220,13 +237,13 @@ class Mind:
             if not known:
                 answer.status = NO_BELIEF
                 return
-            people = self.groups[group] = self.model.spread(known[-1], rows, random)
+            people = self.model.spread(known[-1], rows, random)
             if question.action_known:
                 actions = np.tile(np.array(question.action, np.float32), (rows, 1))
             else:
                 actions = self._act(people, random)
-        elif question.phase == PERCEIVE and group in self.groups and rows == len(self.groups[group].gap_m):
-            people = self.groups[group]
+        elif question.phase == PERCEIVE and group in self.groups and rows == len(self.groups[group][1]):
+            people, before = self.groups[group]
             lidar = np.ctypeslib.as_array(question.lidar).reshape(MAX_GROUP, BEAMS + EGO_VALUES)[:rows]
             range_m = RANGE_M * (1 - lidar[:, :BEAMS].reshape(rows, HEIGHT_BANDS, AZIMUTHS).max(axis=1))
             ego = lidar[:, BEAMS:] * (EGO_UNIT / EGO_SCALE)
@@ -234,8 +251,9 @@ class Mind:
             heard = bits_of(told >> 8)
             # Of each sector's 20 numbers the last is the distance, in ranges.
             verbal = np.ctypeslib.as_array(question.verbal).reshape(MAX_GROUP, VERBAL)[:rows]
-            heard_m = RANGE_M * np.clip(verbal[:, VERBAL // SECTORS - 1 :: VERBAL // SECTORS], 0, 1) if heard.any() else RANGE_M
-            self.model.perceive(people, range_m, ego, bits_of(told), heard, heard_m)
+            each = VERBAL // SECTORS
+            heard_m = RANGE_M * np.clip(verbal[:, each - 1 :: each], 0, 1) if heard.any() else RANGE_M
+            self.model.perceive(people, unsquash(before), range_m, ego, bits_of(told), heard, heard_m)
             actions = self._act(people, random)
         elif question.phase == FORGET:
             self.groups.pop(group, None)
@@ -243,12 +261,18 @@ class Mind:
             return
         else:
             return
+        self.groups[group] = (people, actions)
         np.ctypeslib.as_array(answer.action)[: rows * ACTIONS] = actions.reshape(-1)
         answer.status = ANSWERED
 
     def _act(self, people, random):
-        noise = random.standard_normal((len(people.gap_m), ACTIONS), np.float32)
-        return np.tanh(self.model.predict(people) + people.deviation * noise)
+        mean, deviation = self.model.predict(people)
+        return np.tanh(mean + deviation * random.standard_normal(mean.shape, np.float32))
+
+
+def unsquash(action):
+    """atanh of actions, kept off the edge: people do press pedals to the floor."""
+    return np.arctanh(np.clip(action, -ACTION_EDGE, ACTION_EDGE)).astype(np.float32)
 
 
 def bits_of(words):

@@ -7,7 +7,6 @@ import time
 from collections import deque
 
 import iceoryx2 as iox2
-
 import mirror_messages as messages
 
 #: Later than every step. A position is a pair: episode, step.
@@ -26,7 +25,7 @@ def position_of(message):
 
 
 class Role:
-    """From when until when a process speaks; between two processes that change places, every step is one's or the other's."""
+    """From when until when a process speaks: of two that change places, every step is one's or the other's."""
 
     def __init__(self, standby: bool):
         self.begin = NEVER if standby else (0, 0)
@@ -62,7 +61,7 @@ class Role:
 class Output:
     """The sending side of a topic. A process that stands by, or has handed over, holds its messages back."""
 
-    def __init__(self, node: "Node", topic: str):
+    def __init__(self, node, topic: str):
         service = node._open(topic)
         static = service.static_config
         # Room for what every receiver may hold; by itself iceoryx2 would reserve the recorder's buffer for everybody.
@@ -124,7 +123,7 @@ class Output:
 class Input:
     """The receiving side of a topic: the newest message (real time), or every message in order (lockstep)."""
 
-    def __init__(self, node: "Node", topic: str, in_order: bool):
+    def __init__(self, node, topic: str, in_order: bool):
         self._listener = node._open_bell(topic).listener_builder().create()
         service = node._open(topic)
         buffer = min(INPUT_BUFFER, service.static_config.subscriber_max_buffer_size)

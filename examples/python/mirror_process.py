@@ -13,10 +13,8 @@ import json
 import os
 import signal
 import struct
-import sys
 
 import iceoryx2 as iox2
-
 import mirror_messages as messages
 from mirror_ports import Input, Output, Role, now_ns, position_of
 
