@@ -213,6 +213,13 @@ impl Recorder {
         };
         if let Some(earlier) = &earlier {
             lost.restart = earlier.lost_before(&taken.first);
+            // A port that was there before the start counts all that was sent before its first message as lost; what
+            // an earlier recorder has of it is not, and what it has not is counted above.
+            for (topic, first) in taken.first.iter().enumerate() {
+                if let Some(first) = first.filter(|first| first.counted && !before.is_empty()) {
+                    lost.ports[topic] = lost.ports[topic].saturating_sub(first.sequence);
+                }
+            }
         }
         let written = taken
             .queue
