@@ -98,7 +98,7 @@ fn impossible_options_are_refused_before_anything_starts() {
         },
         "step_s",
     );
-    refuses(support::options(), "needs a model");
+    refuses(support::options(), "need a model");
     refuses(
         Options {
             model: Some("/nowhere/self.safetensors".into()),

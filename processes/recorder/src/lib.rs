@@ -211,7 +211,9 @@ impl Recorder {
             true => Some(Together::default()),
             false => Together::read(&before),
         };
-        if let Some(earlier) = &earlier {
+        // Without a file, what an earlier recorder heard is gone, and nobody asked to keep it.
+        let joined_late = node.arguments().standby && file.is_none();
+        if let Some(earlier) = earlier.as_ref().filter(|_| !joined_late) {
             lost.restart = earlier.lost_before(&taken.first);
             // A port that was there before the start counts all that was sent before its first message as lost; what
             // an earlier recorder has of it is not, and what it has not is counted above.
@@ -237,7 +239,7 @@ impl Recorder {
             // All was received, but not by this process: the files hold it together.
             digest = together.map(|together| together.digest);
         }
-        let digest = digest.filter(|_| lost.total() == 0);
+        let digest = digest.filter(|_| lost.total() == 0 && !joined_late);
         result.digest = digest.as_ref().map(Digest::hex).unwrap_or_default();
         node.set_digest(digest.map_or([0; 32], |digest| digest.finish()));
         if let Some(path) = &options.result {

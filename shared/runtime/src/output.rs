@@ -86,13 +86,12 @@ struct Core<M: Message> {
 }
 
 impl<M: Message> Core<M> {
-    /// Sends a message whose header is complete but for its number and time, and wakes those who wait for it.
+    /// Sends a message whose header is complete but for its number, and wakes those who wait for it.
     fn send(&self, mut sample: SampleMut<Ipc, M, ()>) -> Result<(), PortError> {
         let sequence = self.sequence.get();
         self.sequence.set(sequence + 1);
         if let Some(header) = sample.payload_mut().header_mut() {
             header.sequence = sequence;
-            header.sent_ns = now_ns();
         }
         let failed = |reason: String| PortError::Send {
             topic: self.topic,
@@ -126,10 +125,13 @@ impl<M: Message> Connect for Core<M> {
         };
         let mut held = self.held.borrow_mut();
         for _ in 0..held.len() {
-            let Some((stamp, sample)) = held.pop_front() else {
+            let Some((stamp, mut sample)) = held.pop_front() else {
                 break;
             };
             if shared.role.speaks(stamp.position()) {
+                if let Some(header) = sample.payload_mut().header_mut() {
+                    header.sent_ns = now_ns();
+                }
                 // What fails here fails again, and is reported, at the next send.
                 let _ = self.send(sample);
                 shared.role.note_sent(stamp.position());
@@ -245,12 +247,13 @@ impl<M: Message> Output<M> {
 
     fn stamp(&self, message: &mut M, stamp: Stamp) {
         if let Some(header) = message.header_mut() {
+            let now = now_ns();
             *header = Header {
                 run_id: self.shared.run_id,
                 sequence: 0,
-                sent_ns: 0,
+                sent_ns: now,
                 cause_ns: stamp.cause_ns,
-                compute_ns: self.shared.computed_ns(now_ns()),
+                compute_ns: self.shared.computed_ns(now),
                 episode: stamp.episode,
                 step: stamp.step,
             };

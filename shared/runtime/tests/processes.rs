@@ -365,9 +365,8 @@ fn two_groups_of_questions_are_on_their_way_at_once() {
     assert_eq!(report.state, 3, "{}", text_of(&report.text));
     assert_eq!(report.allocations, 0, "answering allocated");
     assert_eq!(report.ports[0].received, 2 * roles::STEPS as u64);
-    assert_eq!(
-        size_of::<ImagineRequest>() / 1000,
-        479,
+    assert!(
+        size_of::<ImagineRequest>() > 400_000,
         "questions are large, so they are loaned"
     );
 }
