@@ -375,7 +375,8 @@ pub fn changes(older: &Older, profile: &Profile, changes: &[Change]) -> String {
     let _ = writeln!(
         out,
         "  {} slower, {} faster, {} within the noise, {} with too few samples to tell\n  \
-         (rule: rank test over blocks of steps, 5 % over all figures by Holm, and at least 2 %)",
+         (rule: rank test over blocks of steps, 5 % over all figures by Holm, and at least 2 %; noise is what blocks of one run\n   \
+         differ by: what two runs of the same program differ by, as on a machine with other work, comes on top)",
         of(Verdict::Slower).count(),
         of(Verdict::Faster).count(),
         of(Verdict::Same).count(),

@@ -6,7 +6,8 @@
 //!
 //! - A process *began* at `sent − compute`. That is exact when it computed in one piece. Where it computed a little, waited
 //!   for another input and computed on, the last piece began later than that by what it had computed before: the waits
-//!   stated here are then too short by as much (about a microsecond for a look at the first input), and never too long.
+//!   stated here are then too short by as much (about a microsecond for a look at the first input). They are too long only by
+//!   what passes between the port's two readings of the clock, for what was computed and for when it was sent.
 //! - A message *waited* from its sending to the moment when the receiver began. With several inputs only the newest made
 //!   the receiver wait; the others lay there meanwhile. Both are reported.
 //! - Where `sent − compute` lies before the newest input was sent, the process must have computed before it came. The wait
