@@ -52,6 +52,23 @@ class LidarFrame(ctypes.Structure):
         return "mirror/LidarFrame/1"
 
 
+class Observation(ctypes.Structure):
+    LAYOUT = "mirror/Observation/1 layout fbc530caa7be3e1d"
+    _fields_ = [
+        ("header", Header),
+        ("visual", ctypes.c_float * 256),
+        ("verbal", ctypes.c_float * 128),
+        ("visual_len", ctypes.c_uint32),
+        ("verbal_len", ctypes.c_uint32),
+        ("domain", ctypes.c_uint32),
+        ("legal", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Observation/1"
+
+
 class ObjectPose(ctypes.Structure):
     LAYOUT = "mirror/ObjectPose/1 layout d413802222b6d8ee"
     _fields_ = [
@@ -211,7 +228,7 @@ class DriverAction(ctypes.Structure):
 
 
 class ImagineRequest(ctypes.Structure):
-    LAYOUT = "mirror/ImagineRequest/1 layout a368e2f362be2770"
+    LAYOUT = "mirror/ImagineRequest/2 layout 1c27ebc764a3aca7"
     _fields_ = [
         ("header", Header),
         ("seed", ctypes.c_uint64),
@@ -223,15 +240,17 @@ class ImagineRequest(ctypes.Structure):
         ("communicated", ctypes.c_uint32 * 512),
         ("lidar", ctypes.c_float * 57856),
         ("verbal", ctypes.c_float * 61440),
+        ("robot_mean", ctypes.c_float * 128),
+        ("robot_deviation", ctypes.c_float * 128),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/ImagineRequest/1"
+        return "mirror/ImagineRequest/2"
 
 
 class ImagineAnswer(ctypes.Structure):
-    LAYOUT = "mirror/ImagineAnswer/1 layout f7a57d974fb24e05"
+    LAYOUT = "mirror/ImagineAnswer/2 layout b328c2a4e7c79297"
     _fields_ = [
         ("header", Header),
         ("group", ctypes.c_uint32),
@@ -239,11 +258,12 @@ class ImagineAnswer(ctypes.Structure):
         ("status", ctypes.c_uint32),
         ("phase", ctypes.c_uint32),
         ("action", ctypes.c_float * 1024),
+        ("divergence", ctypes.c_float * 512),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/ImagineAnswer/1"
+        return "mirror/ImagineAnswer/2"
 
 
 class Control(ctypes.Structure):
@@ -317,6 +337,7 @@ TOPICS = {
 _PLACES = {
     Header: (48, [0, 8, 16, 24, 32, 40, 44]),
     LidarFrame: (792, [0, 48, 480, 624, 768, 788]),
+    Observation: (1600, [0, 48, 1072, 1584, 1588, 1592, 1596]),
     ObjectPose: (40, [0, 8, 16, 20, 24, 28, 32, 36]),
     Scene: (2656, [0, 48, 88, 2648, 2652]),
     Outcome: (96, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 88, 92]),
@@ -326,8 +347,8 @@ _PLACES = {
     Utterance: (80, [0, 64, 68, 72, 76]),
     Display: (608, [0, 48, 528, 532, 536, 600, 604]),
     DriverAction: (56, [0, 48, 52]),
-    ImagineRequest: (479312, [0, 48, 56, 60, 64, 68, 72, 80, 2128, 233552]),
-    ImagineAnswer: (4160, [0, 48, 52, 56, 60, 64]),
+    ImagineRequest: (480336, [0, 48, 56, 60, 64, 68, 72, 80, 2128, 233552, 479312, 479824]),
+    ImagineAnswer: (6208, [0, 48, 52, 56, 60, 64, 4160]),
     Control: (64, [0, 48, 52, 56]),
     PortCount: (40, [0, 24, 32]),
     Report: (1080, [0, 48, 64, 320, 960, 1000, 1008, 1016, 1024, 1032, 1064, 1068, 1072, 1076]),
