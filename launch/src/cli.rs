@@ -54,7 +54,8 @@ pub struct UpArguments {
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub fog: Option<f64>,
     /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
-    /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning)
+    /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning), `sqil`
+    /// (soft-Q imitation)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub human: String,
     /// How to decide what to communicate
@@ -92,8 +93,8 @@ pub struct UpArguments {
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
-    /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc`
-    /// [default: learned at the start from six rounds without communication]
+    /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc` or
+    /// `sqil` [default: learned at the start from six rounds without communication]
     #[arg(long, visible_alias = "learned", value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
@@ -176,6 +177,8 @@ pub struct ProfileArguments {
 pub enum PlannerKind {
     /// Imagine many futures and keep what helps most (cross-entropy method)
     Ce,
+    /// Bring the person's belief as near to the robot's as it will go, with no regard to reward (MIRROR-KL)
+    Kl,
     /// Never communicate
     None,
 }
@@ -185,6 +188,7 @@ impl PlannerKind {
     pub fn name(self) -> &'static str {
         match self {
             Self::Ce => "ce",
+            Self::Kl => "kl",
             Self::None => "none",
         }
     }
@@ -296,8 +300,8 @@ fn rounds(text: &str) -> Result<usize, String> {
 /// Options of `mirror train human`.
 #[derive(Args, Debug)]
 pub struct TrainHumanArguments {
-    /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or `bc` (a policy of its own, by
-    /// likelihood, from these rounds and an expert's in clear weather)
+    /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these rounds
+    /// and an expert's in clear weather, by likelihood (`bc`) or by soft-Q imitation (`sqil`)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub kind: String,
     /// The domain
@@ -345,6 +349,8 @@ pub struct TrainSelfArguments {
 pub enum Evaluate {
     /// Collisions and communication on the highway, in clear weather and in fog, with and without an assistant
     Drive(EvaluateDriveArguments),
+    /// How well human models predict recorded drivers, against the number of drivers that they learned from
+    Real(EvaluateRealArguments),
     /// What was learned of people's sight, against the truth
     Implants(EvaluateImplantsArguments),
 }
@@ -355,12 +361,13 @@ pub struct EvaluateDriveArguments {
     /// The domain
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
-    /// Conditions: clear, silent, everything (in fog), or planned with mirror, mirror-p, self (in fog)
+    /// Conditions: clear, silent (NC), everything, or planned with mirror, mirror-p, self, bc, sqil, or matched with mirror-kl; all but
+    /// the first in fog
     #[arg(
         long,
         value_name = "NAME,…",
         value_delimiter = ',',
-        default_value = "clear,silent,everything,mirror,self"
+        default_value = "clear,silent,everything,bc,mirror,mirror-kl"
     )]
     pub conditions: Vec<String>,
     /// How many of the simulated people drive
@@ -381,9 +388,15 @@ pub struct EvaluateDriveArguments {
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
-    /// Folder for tables; a study that was stopped goes on from what it finds there
+    /// Folder for tables and plots; a study that was stopped goes on from what it finds there
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// The file whose section `drive` is written [default: RESULTS.md in the folder]
+    #[arg(long, value_name = "FILE.md")]
+    pub results: Option<PathBuf>,
+    /// Three people, one seed, and a planner that imagines a fifth as many futures: minutes, to see that it runs
+    #[arg(long)]
+    pub quick: bool,
 }
 
 /// Options of `mirror evaluate implants`.
@@ -407,4 +420,41 @@ pub struct EvaluateImplantsArguments {
     /// Folder for tables and drawings
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+}
+
+/// Options of `mirror evaluate real`.
+#[derive(Args, Debug)]
+pub struct EvaluateRealArguments {
+    /// Folder of CommonRoad scenarios (.xml); every moving vehicle in them is a driver [default: ../shared/data/commonroad beside the
+    /// project]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Splits of the drivers into two thirds to learn from and one third to test
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub splits: u32,
+    /// Seed of the splits and of learning
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Take it that the drivers saw this far ahead, in metres [default: as far as the LIDAR]
+    #[arg(long, value_name = "METRES", value_parser = fog)]
+    pub fog: Option<f64>,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for tables and plots; a study that was stopped goes on from what it finds there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// The file whose section `real` is written [default: RESULTS.md in the folder]
+    #[arg(long, value_name = "FILE.md")]
+    pub results: Option<PathBuf>,
+    /// Two splits and three numbers of drivers: to see that it runs
+    #[arg(long)]
+    pub quick: bool,
+}
+
+fn fog(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(metres) if (0.0..=1000.0).contains(&metres) => Ok(metres),
+        _ => Err("expected 0 to 1000 metres".to_owned()),
+    }
 }

@@ -3,17 +3,22 @@
 use crate::cli::{EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
 use crate::failure::Failure;
 use crate::inputs;
+use crate::learn::command_line;
 use crate::screen::Progress;
 use anyhow::{Context, Result};
-use experiments::drive::{Condition, ConditionSummary, Study};
+use experiments::drive::{Condition, Study};
+use experiments::drive_report::{ConditionSummary, Report};
 use experiments::implants;
+use experiments::results::write_section;
 use planning::Settings;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 /// `mirror evaluate drive`: collisions and communication under each condition.
 pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
+    let started = Instant::now();
     let plan = || -> Result<_> {
         let mut conditions = Vec::new();
         for name in &arguments.conditions {
@@ -35,7 +40,7 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         Ok((conditions, model.map(|(_, model)| Arc::new(model))))
     };
     let (conditions, model) = plan().map_err(Failure::refused)?;
-    let study = Study {
+    let mut study = Study {
         conditions,
         people: arguments.people,
         seeds: u64::from(arguments.seeds),
@@ -44,30 +49,65 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         rounds: arguments.rounds,
         settings: Settings::default(),
     };
-    let progress = std::sync::OnceLock::new();
-    let summaries =
+    if arguments.quick {
+        study.people = study.people.min(QUICK_PEOPLE);
+        study.seeds = 1;
+        study.planned_seeds = 1;
+        study.settings.samples = QUICK_SAMPLES;
+        study.settings.elites = QUICK_SAMPLES / 5;
+        study.settings.silent = 4;
+    }
+    let progress = OnceLock::new();
+    let report =
         experiments::drive::run(&study, model.as_ref(), &arguments.out, &|done, total| {
-            let progress = progress.get_or_init(|| Progress::new("people × seeds", total as u64));
+            let progress =
+                progress.get_or_init(|| Progress::new("rounds, by effort", total as u64));
             progress.at(done as u64, "");
         })?;
     if let Some(progress) = progress.get() {
         progress.finish();
     }
-    print_drive(&summaries);
-    println!("{0}/drive.csv, {0}/drive.json", arguments.out.display());
+    report.write(&arguments.out)?;
+    print_drive(&report);
+    let note = if arguments.quick {
+        format!(
+            "**Quick form**: {} people and {QUICK_SAMPLES} imagined futures instead of 1000; it shows that the study runs, and no more.",
+            study.people
+        )
+    } else {
+        String::new()
+    };
+    let results = results_file(arguments.results.as_deref(), &arguments.out);
+    let body = report.section(&results, &arguments.out, &command_line(), &note);
+    write_section(&results, "drive", "Driving on the highway (`drive`)", &body)?;
+    println!(
+        "{0}/drive.csv, drive.json, drive.svg, drive.png; section `drive` of {1}; {2:.0} s",
+        arguments.out.display(),
+        results.display(),
+        started.elapsed().as_secs_f64()
+    );
     Ok(ExitCode::SUCCESS)
 }
 
-fn print_drive(summaries: &[ConditionSummary]) {
+/// People, and imagined futures, of the quick form: it has to end within minutes on two cores.
+const QUICK_PEOPLE: u32 = 3;
+const QUICK_SAMPLES: usize = 200;
+
+/// Where a study's section is written.
+pub(crate) fn results_file(given: Option<&Path>, out: &Path) -> PathBuf {
+    given.map_or_else(|| out.join("RESULTS.md"), Path::to_owned)
+}
+
+fn print_drive(report: &Report) {
     println!(
-        "condition   rounds   collisions [95 % over people]   visual items/min   utterances/min   mean reward"
+        "condition   rounds   collisions [95 % over people]   highlighted s/min   utterances/min   mean reward"
     );
-    for summary in summaries {
+    for summary in &report.conditions {
         let ConditionSummary {
             condition,
             rounds,
             collisions,
-            visual_per_minute,
+            highlighted_s_per_minute,
             utterances_per_minute,
             reward,
             ..
@@ -78,8 +118,19 @@ fn print_drive(summaries: &[ConditionSummary]) {
             100.0 * collisions.high,
         );
         println!(
-            "{condition:<11} {rounds:>6}   {mean:>5.1} % [{low:>5.1}, {high:>5.1}]          {:>16.1} {:>16.1} {:>13.1}",
-            visual_per_minute.mean, utterances_per_minute.mean, reward.mean,
+            "{condition:<11} {rounds:>6}   {mean:>5.1} % [{low:>5.1}, {high:>5.1}]          {:>18.1} {:>16.1} {:>13.1}",
+            highlighted_s_per_minute.mean, utterances_per_minute.mean, reward.mean,
+        );
+    }
+    for tests in &report.tests {
+        println!("{}", tests.sentence());
+    }
+    for claim in &report.claims {
+        println!(
+            "({}) {}: {}",
+            claim.letter,
+            claim.claim,
+            claim.verdict.word()
         );
     }
 }

@@ -9,20 +9,16 @@ use anyhow::{Context, Result, anyhow};
 use domains::highway::{Person, Scene};
 use driver::Driving;
 use models::recurrent_file::save_policy;
-use models::utterances::UtteranceTable;
 use models::{Kind, SelfModel};
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, OnceLock};
 use training::demonstrations::{Demonstrations, record_in};
 use training::implants::{Settings, learn};
-use training::{cloning, lessons};
+use training::policies::{self, Expert, Learned};
 
 /// Seed of demonstrations: never the rounds that are driven or scored with what was learned from them.
 pub const DEMONSTRATION_SEED: u64 = 0x6465_6d6f;
-/// Seed of the expert's rounds, which are the same for everybody.
-const EXPERT_SEED: u64 = 0x6578_7065;
 /// Rounds that `mirror up` learns from: each of the six cases once.
 const ROUNDS: usize = 6;
 
@@ -149,7 +145,7 @@ fn learn_to(
     title: &str,
 ) -> Result<String> {
     match kind {
-        Kind::Bc => clone_to(path, demonstrations, seed, title),
+        Kind::Bc | Kind::Sqil => policy_to(path, kind, demonstrations, seed, title),
         _ => implant_to(path, kind, demonstrations, model, seed, title),
     }
 }
@@ -178,65 +174,33 @@ fn implant_to(
     Ok(format!("last loss {last:.4}"))
 }
 
-fn clone_to(
+fn policy_to(
     path: &Path,
+    kind: Kind,
     demonstrations: &Demonstrations,
     seed: u64,
     title: &str,
 ) -> Result<String> {
-    let settings = cloning::Settings {
+    let progress = OnceLock::new();
+    let learned = policies::learn(
+        kind,
+        demonstrations,
+        &Expert::default(),
         seed,
-        ..cloning::Settings::default()
-    };
-    let visible_m = demonstrations
-        .visible_m
-        .ok_or(cloning::CloningError::Unseen(Kind::Bc.name()))?;
-    let expert = lessons::of_expert(
-        Arc::new(Scene::builtin("highway-clear")?),
-        &UtteranceTable::shipped()?,
-        EXPERT_SEED,
-        settings.expert_rounds,
-    )?;
-    let own = demonstrations
-        .rounds
-        .iter()
-        .map(|round| lessons::of_round(round, &visible_m))
-        .collect();
-    let passes = AtomicU64::new(0);
-    let most = (settings.epochs * settings.layers.len()) as u64;
-    let progress = Mutex::new(Progress::new(title, most));
-    let learned = cloning::learn(own, expert, &settings, &|layers, _, nll| {
-        let pass = passes.fetch_add(1, Ordering::Relaxed) + 1;
-        if let Ok(progress) = progress.lock() {
-            progress.at(pass, &format!("{layers} layers, validation {nll:.3}"));
-        }
-    });
-    if let Ok(progress) = progress.lock() {
+        &|done, most, word| {
+            let progress = progress.get_or_init(|| Progress::new(title, most));
+            progress.at(done, word);
+        },
+    );
+    if let Some(progress) = progress.get() {
         progress.finish();
     }
-    let learned = learned?;
-    let trials: Vec<String> = learned
-        .trials
-        .iter()
-        .map(|t| {
-            format!(
-                "{} layers {:.3} (pass {} of {})",
-                t.layers, t.validation, t.epoch, t.epochs
-            )
-        })
-        .collect();
-    let about = [("mirror.validation", trials.join(", "))];
-    save_policy(
-        path,
-        Kind::Bc,
-        &learned.policy,
-        &visible_m,
-        &command_line(),
-        &about,
-    )?;
-    Ok(format!(
-        "validation: {}; kept {} layers",
-        trials.join(", "),
-        learned.best.layers
-    ))
+    let Learned {
+        policy,
+        visible_m,
+        about,
+    } = learned?;
+    let notes = [("mirror.learning", about.clone())];
+    save_policy(path, kind, &policy, &visible_m, &command_line(), &notes)?;
+    Ok(about)
 }

@@ -3,6 +3,7 @@
 mod cli;
 mod doctor;
 mod evaluate;
+mod evaluate_real;
 mod failure;
 mod inputs;
 mod learn;
@@ -30,6 +31,7 @@ fn main() -> ExitCode {
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),
+        Command::Evaluate(Evaluate::Real(arguments)) => evaluate_real::real(&arguments),
         Command::Evaluate(Evaluate::Implants(arguments)) => evaluate::implants(&arguments),
         Command::Train(Train::Myself(arguments)) => train_self::train_self(&arguments),
         Command::Train(Train::Human(arguments)) => learn::train_human(&arguments),

@@ -3,7 +3,8 @@
 use crate::failure::Failure;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 /// Where lines and the status go; clones share the screen.
 #[derive(Clone)]
@@ -69,6 +70,9 @@ pub struct Progress {
     bar: Option<ProgressBar>,
     what: String,
     length: u64,
+    started: Instant,
+    /// Tenths written as plain lines, those before it included.
+    tenths: AtomicU64,
 }
 
 impl Progress {
@@ -88,6 +92,8 @@ impl Progress {
             bar,
             what: what.to_owned(),
             length,
+            started: Instant::now(),
+            tenths: AtomicU64::new(0),
         }
     }
 
@@ -99,10 +105,20 @@ impl Progress {
                 bar.set_message(message.to_owned());
             }
             None => {
-                let tenth = |position: u64| position * 10 / self.length.max(1);
-                if position == 0 || tenth(position) != tenth(position - 1) {
+                // One line as each tenth is reached, whoever of several threads reaches it.
+                let reached = position * 10 / self.length.max(1) + 1;
+                if self.tenths.fetch_max(reached, Ordering::Relaxed) < reached {
                     let Self { what, length, .. } = self;
-                    let _ = writeln!(io::stderr().lock(), "{what}: {position}/{length} {message}");
+                    let mut left = String::new();
+                    if position > 0 && position < *length {
+                        let spent_s = self.started.elapsed().as_secs_f64();
+                        let left_s = spent_s / position as f64 * (length - position) as f64;
+                        left = format!("about {left_s:.0} s left ");
+                    }
+                    let _ = writeln!(
+                        io::stderr().lock(),
+                        "{what}: {position}/{length} {left}{message}"
+                    );
                 }
             }
         }

@@ -76,6 +76,11 @@ impl Plan {
             &driver.driving,
             &self_model.1,
         )?;
+        ensure!(
+            arguments.planner != PlannerKind::Kl || human.is_self_model(),
+            "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
+            human.name()
+        );
         let option = |name, path: &Option<PathBuf>| {
             path.as_deref()
                 .map(|path| inputs::writable(name, path))
@@ -228,6 +233,7 @@ impl Plan {
             "planner" => plain.with_options(&planner::Options {
                 method: match self.planner {
                     PlannerKind::Ce => planner::Method::Ce,
+                    PlannerKind::Kl => planner::Method::Kl,
                     PlannerKind::None => planner::Method::None,
                 },
                 model: Some(self.self_model.0.clone()),

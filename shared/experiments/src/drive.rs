@@ -1,8 +1,9 @@
 //! The highway study (paper §V): the same simulated drivers in clear weather, in fog without communication, and in fog with
 //! an assistant; every person drives all six cases under every condition.
 
-use crate::statistics::{Interval, over_people, share};
-use crate::table::Table;
+use crate::drive_report::Report;
+use crate::learned::{Expert, human_model};
+use crate::table::{Table, ensure_same};
 use anyhow::Context;
 use domains::highway::display::Presenter;
 use domains::highway::{
@@ -10,8 +11,8 @@ use domains::highway::{
 };
 use models::observation::{PER_SECTOR, SECTORS};
 use models::utterances::{Said, UtteranceTable};
-use models::{Communicated, Implants, Kind, SelfHuman, SelfModel};
-use planning::{Assistant, Settings};
+use models::{Communicated, Kind, SelfModel};
+use planning::{Assistant, Method, Settings};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -34,17 +35,26 @@ pub enum Condition {
     MirrorP,
     /// Fog, planned with the unchanged self-model as human model.
     Myself,
+    /// Fog, planned with behavioural cloning (BC).
+    Bc,
+    /// Fog, the MIRROR human model, belief matching instead of planning (MIRROR-KL).
+    MirrorKl,
+    /// Fog, planned with soft-Q imitation (SQIL).
+    Sqil,
 }
 
 impl Condition {
     /// Every condition.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 9] = [
         Self::Clear,
         Self::Silent,
         Self::Everything,
         Self::Mirror,
         Self::MirrorP,
         Self::Myself,
+        Self::Bc,
+        Self::MirrorKl,
+        Self::Sqil,
     ];
 
     /// Its name in tables and on the command line.
@@ -56,6 +66,9 @@ impl Condition {
             Self::Mirror => "mirror",
             Self::MirrorP => "mirror-p",
             Self::Myself => "self",
+            Self::Bc => "bc",
+            Self::MirrorKl => "mirror-kl",
+            Self::Sqil => "sqil",
         }
     }
 
@@ -67,10 +80,29 @@ impl Condition {
     /// The human model that plans under this condition.
     pub const fn human(self) -> Option<Kind> {
         match self {
-            Self::Mirror => Some(Kind::Mirror),
+            Self::Mirror | Self::MirrorKl => Some(Kind::Mirror),
             Self::MirrorP => Some(Kind::MirrorP),
             Self::Myself => Some(Kind::Myself),
-            _ => None,
+            Self::Bc => Some(Kind::Bc),
+            Self::Sqil => Some(Kind::Sqil),
+            Self::Clear | Self::Silent | Self::Everything => None,
+        }
+    }
+
+    /// About how many rounds without a planner one round takes, for the time that is left.
+    const fn effort(self) -> usize {
+        match (self.human(), self.method()) {
+            (None, _) => 1,
+            (Some(_), Method::Kl) => 50,
+            (Some(_), Method::Ce) => 1000,
+        }
+    }
+
+    /// How what is said is decided, where there is a human model.
+    pub const fn method(self) -> Method {
+        match self {
+            Self::MirrorKl => Method::Kl,
+            _ => Method::Ce,
         }
     }
 }
@@ -113,48 +145,35 @@ pub struct RoundResult {
     pub cost: f64,
 }
 
-/// A condition's results over all people.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct ConditionSummary {
-    /// Condition.
-    pub condition: &'static str,
-    /// Rounds.
-    pub rounds: usize,
-    /// Share of rounds with a collision, interval over people.
-    pub collisions: Interval,
-    /// The same with Wilson's interval over rounds.
-    pub collisions_by_round: Interval,
-    /// Mean reward of a round, interval over people.
-    pub reward: Interval,
-    /// Highlighted sectors per minute.
-    pub visual_per_minute: Interval,
-    /// Seconds with a highlight per minute.
-    pub highlighted_s_per_minute: Interval,
-    /// Utterances per minute.
-    pub utterances_per_minute: Interval,
-    /// Communication cost of a round.
-    pub cost: Interval,
-}
-
 const HEADER: &str =
     "condition,person,seed,case,steps,collided,reward,visual,highlighted_steps,utterances,cost";
 
 /// Stream of rounds that demonstrations come from: never the rounds that are scored.
 const DEMONSTRATION_SEED: u64 = 0x6465_6d6f;
 
-/// Runs a study, or what is left of it, and writes `drive.csv` and `drive.json` into `out`.
+/// Runs a study, or what is left of it, and writes `drive.csv` into `out`. `progress` hears of (done, all), in units of
+/// a round without a planner.
 ///
 /// # Errors
-/// If a scene or person cannot be read, or `out` not be written.
+/// If a scene or person cannot be read, `out` not be written, or it holds a study with other settings.
 pub fn run(
     study: &Study,
     model: Option<&Arc<SelfModel>>,
     out: &Path,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> anyhow::Result<Vec<ConditionSummary>> {
+) -> anyhow::Result<Report> {
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let about = serde_json::json!({
+        "rounds": study.rounds,
+        "planner": study.settings,
+        "self_model": model.map(|model| models::checkpoint::digest(model)),
+    });
+    ensure_same(&out.join("drive.settings.json"), &about)?;
     let table = Table::open(&out.join("drive.csv"), HEADER, 4)?;
-    let mut jobs = Vec::new();
+    let key = |condition: Condition, person: u32, seed: u64, case: Case| {
+        format!("{},{person},{seed},{}", condition.name(), case.number())
+    };
+    let (mut jobs, mut total) = (Vec::new(), 0);
     for &condition in &study.conditions {
         let seeds = match condition.human() {
             Some(_) => study.planned_seeds,
@@ -162,56 +181,45 @@ pub fn run(
         };
         for person in 1..=study.people {
             for seed in study.seed..study.seed + seeds {
-                let missing = Case::ALL.into_iter().any(|case| {
-                    !table.has(&format!(
-                        "{},{person},{seed},{}",
-                        condition.name(),
-                        case.number()
-                    ))
-                });
-                if missing {
-                    jobs.push((condition, person, seed));
+                let missing: Vec<Case> = Case::ALL
+                    .into_iter()
+                    .filter(|&case| !table.has(&key(condition, person, seed, case)))
+                    .collect();
+                total += missing.len() * condition.effort();
+                if !missing.is_empty() {
+                    jobs.push((condition, person, seed, missing));
                 }
             }
         }
     }
-    let total = jobs.len();
+    let expert = Expert::default();
     let done = std::sync::atomic::AtomicUsize::new(0);
     progress(0, total);
-    jobs.par_iter().try_for_each(|&(condition, id, seed)| {
-        let mut rider = Rider::new(study, model, condition, id)?;
-        for case in Case::ALL {
-            let key = format!("{},{id},{seed},{}", condition.name(), case.number());
-            if table.has(&key) {
-                continue;
+    jobs.par_iter()
+        .try_for_each(|(condition, id, seed, cases)| {
+            let mut rider = Rider::new(study, model, &expert, *condition, *id)?;
+            for &case in cases {
+                let r = rider.round(*seed, case)?;
+                table.append(&format!(
+                    "{},{},{},{:.4},{},{},{},{:.4}\n",
+                    key(*condition, *id, *seed, case),
+                    r.steps,
+                    u8::from(r.collided),
+                    r.reward,
+                    r.visual,
+                    r.highlighted_steps,
+                    r.utterances,
+                    r.cost
+                ))?;
+                let effort = condition.effort();
+                let before = done.fetch_add(effort, std::sync::atomic::Ordering::Relaxed);
+                progress(before + effort, total);
             }
-            let r = rider.round(seed, case)?;
-            table.append(&format!(
-                "{key},{},{},{:.4},{},{},{},{:.4}\n",
-                r.steps,
-                u8::from(r.collided),
-                r.reward,
-                r.visual,
-                r.highlighted_steps,
-                r.utterances,
-                r.cost
-            ))?;
-        }
-        let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-        progress(done, total);
-        anyhow::Ok(())
-    })?;
+            anyhow::Ok(())
+        })?;
     let rows = table.finish()?;
     let step_s = Scene::builtin("highway-fog")?.step_s();
-    let summaries: Vec<_> = study
-        .conditions
-        .iter()
-        .map(|&condition| summarise(condition, &rows, step_s))
-        .collect();
-    let path = out.join("drive.json");
-    std::fs::write(&path, serde_json::to_string_pretty(&summaries)?)
-        .with_context(|| path.display().to_string())?;
-    Ok(summaries)
+    Ok(Report::new(&study.conditions, study.people, &rows, step_s))
 }
 
 /// One person under one condition.
@@ -228,13 +236,14 @@ pub struct Rider {
 }
 
 impl Rider {
-    /// Seats person `id`; with a planner, learns their implants from demonstration rounds in the same fog first.
+    /// Seats person `id`; with a planner, learns about them from demonstration rounds in the same fog first.
     ///
     /// # Errors
     /// If the person or scene cannot be read, or a planner has no self-model.
     pub fn new(
         study: &Study,
         model: Option<&Arc<SelfModel>>,
+        expert: &Expert,
         condition: Condition,
         id: u32,
     ) -> anyhow::Result<Self> {
@@ -251,18 +260,14 @@ impl Rider {
             None => None,
             Some(kind) => {
                 let model = model.context("a planner needs a self-model")?;
-                let implants = match kind {
-                    Kind::Myself => None,
-                    kind => Some(learn_implants(
-                        &mut world,
-                        &mut driver,
-                        model,
-                        kind,
-                        study.rounds,
-                    )?),
-                };
-                let human = Box::new(SelfHuman::new(model.clone(), implants));
-                Some(Assistant::new(model.clone(), human, study.settings))
+                let demonstrations = demonstrate(&mut world, &mut driver, study.rounds);
+                let human = human_model(kind, model, &demonstrations, expert)?;
+                Some(Assistant::with_method(
+                    model.clone(),
+                    human,
+                    study.settings,
+                    condition.method(),
+                ))
             }
         };
         Ok(Self {
@@ -355,23 +360,6 @@ impl Rider {
     }
 }
 
-/// Learns a person's implants from rounds without communication, in the fog that the driver was made for.
-///
-/// # Errors
-/// If the rounds are too short to learn from.
-pub fn learn_implants(
-    world: &mut World,
-    driver: &mut SimulatedDriver,
-    model: &SelfModel,
-    kind: Kind,
-    rounds: usize,
-) -> anyhow::Result<Implants> {
-    let demonstrations = demonstrate(world, driver, rounds);
-    let settings = training::implants::Settings::default();
-    let learned = training::implants::learn(model, kind, &demonstrations, &settings, |_, _| {})?;
-    Ok(learned.implants)
-}
-
 /// Rounds of one case after the other.
 pub fn demonstrate(
     world: &mut World,
@@ -414,47 +402,5 @@ pub fn hear(table: &UtteranceTable, shown: &Shown, verbal: &mut [f32]) {
             };
             table.encode(sector, said, heard.range_m, verbal);
         }
-    }
-}
-
-fn summarise(condition: Condition, rows: &[Vec<String>], step_s: f64) -> ConditionSummary {
-    let number = |row: &[String], column: usize| row[column].parse::<f64>().unwrap_or(f64::NAN);
-    let mine: Vec<&Vec<String>> = rows.iter().filter(|r| r[0] == condition.name()).collect();
-    let mut people: Vec<&str> = mine.iter().map(|r| r[1].as_str()).collect();
-    people.sort_unstable();
-    people.dedup();
-    let per_person = |value: &dyn Fn(&[&&Vec<String>]) -> f64| -> Interval {
-        let values: Vec<f64> = people
-            .iter()
-            .map(|&person| {
-                let rows: Vec<&&Vec<String>> = mine.iter().filter(|r| r[1] == person).collect();
-                value(&rows)
-            })
-            .collect();
-        over_people(&values)
-    };
-    let mean = |column: usize| {
-        per_person(&|rows| {
-            rows.iter().map(|r| number(r, column)).sum::<f64>() / rows.len().max(1) as f64
-        })
-    };
-    let per_minute = |column: usize, unit: f64| {
-        per_person(&|rows| {
-            let steps: f64 = rows.iter().map(|r| number(r, 4)).sum();
-            let items: f64 = rows.iter().map(|r| number(r, column)).sum();
-            items * unit / (steps * step_s / 60.0).max(1e-9)
-        })
-    };
-    let hits = mine.iter().filter(|r| r[5] == "1").count();
-    ConditionSummary {
-        condition: condition.name(),
-        rounds: mine.len(),
-        collisions: mean(5),
-        collisions_by_round: share(hits, mine.len()),
-        reward: mean(6),
-        visual_per_minute: per_minute(7, 1.0),
-        highlighted_s_per_minute: per_minute(8, step_s),
-        utterances_per_minute: per_minute(9, 1.0),
-        cost: mean(10),
     }
 }

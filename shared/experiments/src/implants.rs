@@ -2,6 +2,7 @@
 //! perceptual implants"), per azimuth, with a drawing; and where the demonstrations cannot tell.
 
 use crate::drive::demonstrate;
+use crate::plot::register_font;
 use anyhow::{Context, anyhow};
 use domains::highway::{Cockpit, Person, Scene, SimulatedDriver, World};
 use models::implants::range_of;
@@ -192,13 +193,6 @@ pub fn draw(reports: &[Report], out: &Path) -> anyhow::Result<()> {
     draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", png.display()))?;
     root.present()
         .map_err(|e| anyhow!("{}: {e}", png.display()))
-}
-
-/// Bitmaps need a font of their own: the machine may have none.
-fn register_font() {
-    const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
-    // Registering again, or a font that the library refuses, only means that drawing says so itself.
-    let _ = plotters::style::register_font("sans-serif", FontStyle::Normal, FONT);
 }
 
 fn draw_on<B: DrawingBackend>(

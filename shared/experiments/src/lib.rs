@@ -1,6 +1,12 @@
 //! The paper's studies with simulated people, without processes: many episodes at once, one per core.
 
+pub mod anova;
 pub mod drive;
+pub mod drive_report;
 pub mod implants;
+pub mod learned;
+pub mod plot;
+pub mod real;
+pub mod results;
 pub mod statistics;
 pub mod table;

@@ -101,6 +101,30 @@ impl Table {
     }
 }
 
+/// Keeps what a study's rows depend on in `path`, so that nobody continues it with other settings.
+///
+/// # Errors
+/// If the file says otherwise, or cannot be written.
+pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => {
+            // A file that was only half written is written again.
+            if let Ok(before) = serde_json::from_str::<serde_json::Value>(&text) {
+                anyhow::ensure!(
+                    before == *about,
+                    "{}: this folder holds a study with other settings; choose another --out",
+                    path.display()
+                );
+                return Ok(());
+            }
+        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+        Err(e) => return Err(e).with_context(|| path.display().to_string()),
+    }
+    let text = format!("{about:#}\n");
+    std::fs::write(path, text).with_context(|| path.display().to_string())
+}
+
 fn key_of(line: &str, columns: usize) -> String {
     line.split(',').take(columns).collect::<Vec<_>>().join(",")
 }
@@ -108,6 +132,19 @@ fn key_of(line: &str, columns: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn other_settings_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("s.json");
+        let about = serde_json::json!({"rounds": 6, "cost": 0.02_f32});
+        ensure_same(&path, &about).expect("new");
+        ensure_same(&path, &about).expect("the same");
+        let error = ensure_same(&path, &serde_json::json!({"rounds": 5})).expect_err("other");
+        assert!(error.to_string().contains("s.json"), "{error}");
+        std::fs::write(&path, "{\"rou").expect("written");
+        ensure_same(&path, &about).expect("half a file");
+    }
 
     #[test]
     fn continues_where_it_was_cut() {

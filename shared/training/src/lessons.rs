@@ -36,7 +36,8 @@ impl Lesson {
         self.action.cols()
     }
 
-    fn new(steps: usize) -> Self {
+    /// A round in which nothing is perceived and nothing done.
+    pub fn silent(steps: usize) -> Self {
         let sizes = RecurrentSizes::HIGHWAY;
         Self {
             input: Tensor::new(sizes.input(), steps),
@@ -61,7 +62,7 @@ impl Lesson {
 
 /// A person's round without communication, seen up to `visible_m`.
 pub fn of_round(round: &Round, visible_m: &[f32; AZIMUTHS]) -> Lesson {
-    let mut lesson = Lesson::new(round.steps.len());
+    let mut lesson = Lesson::silent(round.steps.len());
     let mut encoded = Encoded::new(Shape::HIGHWAY, 1);
     let unheard = [0.0; SECTORS * PER_SECTOR];
     for (t, moment) in round.steps.iter().enumerate() {
@@ -71,6 +72,74 @@ pub fn of_round(round: &Round, visible_m: &[f32; AZIMUTHS]) -> Lesson {
         lesson.set(t, &encoded, moment.action);
     }
     lesson
+}
+
+/// Seed of which words are heard.
+pub(crate) const SPOKEN_SEED: u64 = 0x6c65_7373;
+
+/// Perceives a round as it is driven, and writes down its lesson.
+pub struct Perceiver<'a> {
+    visible_m: [f32; AZIMUTHS],
+    words: Option<&'a UtteranceTable>,
+    rng: ChaCha8Rng,
+    encoded: Encoded,
+    verbal: [f32; SECTORS * PER_SECTOR],
+    previous: [f32; 2],
+    inputs: Vec<f32>,
+    actions: Vec<f32>,
+}
+
+impl<'a> Perceiver<'a> {
+    /// Somebody who sees each azimuth up to `visible_m` and, with `words`, hears of some sectors at random times.
+    pub fn new(visible_m: [f32; AZIMUTHS], words: Option<&'a UtteranceTable>, seed: u64) -> Self {
+        Self {
+            visible_m,
+            words,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            encoded: Encoded::new(Shape::HIGHWAY, 1),
+            verbal: [0.0; SECTORS * PER_SECTOR],
+            previous: [0.0; 2],
+            inputs: Vec::new(),
+            actions: Vec::new(),
+        }
+    }
+
+    /// Perceives the next step; `input` takes what the GRU takes.
+    pub fn perceive(&mut self, observation: &Observation, input: &mut [f32]) {
+        let step = step_of(observation);
+        let mut seen = [0.0; AZIMUTHS];
+        Implants::visible(&self.visible_m, &step.visual, &mut seen);
+        let mut heard = [0.0; SECTORS];
+        if let Some(table) = self.words {
+            step.write_verbal(table, &mut self.verbal);
+            let talks = self.rng.random::<bool>();
+            heard = core::array::from_fn(|_| {
+                f32::from(u8::from(self.rng.random::<f32>() < SPOKEN && talks))
+            });
+        }
+        self.encoded
+            .set(0, &step.visual, &self.verbal, &seen, &heard);
+        let (observed, before) = input.split_at_mut(Shape::HIGHWAY.encoded());
+        observed.copy_from_slice(self.encoded.rows.column(0));
+        before.copy_from_slice(&self.previous);
+        self.inputs.extend_from_slice(input);
+    }
+
+    /// What was done then.
+    pub fn acted(&mut self, action: [f32; 2]) {
+        self.previous = action;
+        self.actions.extend_from_slice(&action);
+    }
+
+    /// The round so far.
+    pub fn lesson(&self) -> Lesson {
+        let sizes = RecurrentSizes::HIGHWAY;
+        let steps = self.actions.len() / sizes.shape.action;
+        Lesson {
+            input: Tensor::from_slice(sizes.input(), steps, &self.inputs[..steps * sizes.input()]),
+            action: Tensor::from_slice(sizes.shape.action, steps, &self.actions),
+        }
+    }
 }
 
 /// Rounds of the expert in `scene`, who sees everything.
@@ -86,33 +155,24 @@ pub fn of_expert(
     let mut world = World::new(scene)?;
     let mut expert = Expert::new(&world);
     let mut observation = Observation::default();
-    let mut encoded = Encoded::new(Shape::HIGHWAY, 1);
-    let mut verbal = [0.0; SECTORS * PER_SECTOR];
+    let mut input = vec![0.0; RecurrentSizes::HIGHWAY.input()];
     let mut lessons = Vec::with_capacity(rounds);
     for round in 0..rounds as u32 {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ u64::from(round) << 32 ^ 0x6c65_7373);
         world.reset(seed, round);
         expert.reset(&world);
-        let mut lived = Vec::new();
-        loop {
+        let everything = [f32::INFINITY; AZIMUTHS];
+        let seed = seed ^ u64::from(round) << 32 ^ SPOKEN_SEED;
+        let mut perceiver = Perceiver::new(everything, Some(table), seed);
+        for _ in 0..LONGEST {
             world.observe(&mut observation);
+            perceiver.perceive(&observation, &mut input);
             let action = expert.act(&world);
-            lived.push((step_of(&observation), action));
-            if world.step(action).end != End::Running || lived.len() == LONGEST {
+            perceiver.acted(action);
+            if world.step(action).end != End::Running {
                 break;
             }
         }
-        let mut lesson = Lesson::new(lived.len());
-        for (t, (step, action)) in lived.iter().enumerate() {
-            step.write_verbal(table, &mut verbal);
-            let talks = rng.random::<bool>();
-            let mask: [f32; SECTORS] = core::array::from_fn(|_| {
-                f32::from(u8::from(rng.random::<f32>() < SPOKEN && talks))
-            });
-            encoded.set(0, &step.visual, &verbal, &[1.0; AZIMUTHS], &mask);
-            lesson.set(t, &encoded, *action);
-        }
-        lessons.push(lesson);
+        lessons.push(perceiver.lesson());
     }
     Ok(lessons)
 }
@@ -141,7 +201,7 @@ mod tests {
     #[test]
     fn a_quarter_of_the_rounds_is_held_out() {
         for (rounds, held) in [(1, 0), (2, 1), (4, 1), (6, 2), (20, 5)] {
-            let lessons = (0..rounds).map(|n| Lesson::new(n + 1)).collect();
+            let lessons = (0..rounds).map(|n| Lesson::silent(n + 1)).collect();
             let (learn, validate) = hold_out(lessons);
             assert_eq!((learn.len(), validate.len()), (rounds - held, held));
             let mut all: Vec<usize> = learn.iter().chain(&validate).map(Lesson::steps).collect();

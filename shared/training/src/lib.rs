@@ -8,10 +8,12 @@ pub mod discrete;
 pub mod implants;
 pub mod irl;
 pub mod lessons;
+pub mod policies;
 pub mod replay;
 pub mod rollout;
 pub mod sac;
 pub mod self_model;
+pub mod sqil;
 
 /// Shards that a batch is cut into. Their gradients are added in this fixed order, so that the number of threads
 /// changes no byte of the result.

@@ -175,10 +175,11 @@ impl TargetScratch {
     }
 }
 
-const HALF_LOG_TAU: f32 = 0.918_938_5;
+/// ½ ln 2π.
+pub(crate) const HALF_LOG_TAU: f32 = 0.918_938_5;
 
 /// log(1 − tanh²u), stable for large |u|.
-fn log_det(u: f32) -> f32 {
+pub(crate) fn log_det(u: f32) -> f32 {
     let x = -2.0 * u;
     let softplus = x.max(0.0) + (-x.abs()).exp().ln_1p();
     2.0 * (core::f32::consts::LN_2 - u - softplus)

@@ -1,0 +1,605 @@
+//! Real drivers (DESIGN §7.5): how well do human models that learned from some recorded people predict what others did? The
+//! negative log-likelihood of recorded actions against the number of drivers learned from, drivers split, never frames.
+
+use crate::plot::{Line, Lines, lines};
+use crate::results::{link, with_interval};
+use crate::statistics::{Interval, over_people};
+use crate::table::{Table, ensure_same};
+use anyhow::{Context, ensure};
+use domains::commonroad::{RecordedSeat, Scenario};
+use domains::highway::{EGO_SPEED_MPS, Scene};
+use models::observation::{AZIMUTHS, Shape};
+use models::policy::ActionDistribution;
+use models::{
+    Beliefs, Communicated, HumanModel, Kind, Observations, RecurrentHuman, SelfHuman, SelfModel,
+};
+use nn::Tensor;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use training::demonstrations::{Demonstrations, Moment, Round};
+use training::{cloning, implants, lessons};
+
+/// Models that are compared.
+pub const MODELS: [Kind; 4] = [Kind::Mirror, Kind::MirrorP, Kind::Bc, Kind::Myself];
+/// Steps at a drive's start that only build up the belief, and are not scored.
+pub const WARM_UP: usize = 5;
+
+/// Who is left out: drivers who give too little to learn from or to be measured on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Rule {
+    /// Fewest control steps (0.15 s each).
+    pub steps: usize,
+    /// Least distance driven in them, in metres.
+    pub distance_m: f32,
+    /// Largest share of actions that the ego car's limits cut.
+    pub clamped: f32,
+}
+
+impl Default for Rule {
+    fn default() -> Self {
+        Self {
+            steps: 15,
+            distance_m: 20.0,
+            clamped: 0.1,
+        }
+    }
+}
+
+impl Rule {
+    /// As a sentence.
+    pub fn words(&self) -> String {
+        format!(
+            "A driver is left out with fewer than {} control steps, less than {} m driven in them, or more than {:.0} % of actions beyond what the ego car's pedals and wheel can do.",
+            self.steps,
+            self.distance_m,
+            100.0 * self.clamped
+        )
+    }
+}
+
+/// A recorded driver.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    /// File and car.
+    pub name: String,
+    /// The drive, as sensed from their seat.
+    pub round: Round,
+}
+
+/// The drivers of a folder.
+#[derive(Clone, Debug, Default)]
+pub struct Drivers {
+    /// Kept, in the order of files and cars.
+    pub kept: Vec<Driver>,
+    /// Left out, with the reason.
+    pub left_out: Vec<(String, String)>,
+}
+
+/// Reads every CommonRoad file (`.xml`) of a folder, and sits down in every moving vehicle.
+///
+/// # Errors
+/// If the folder cannot be read or holds no such file. Files that cannot be read are left out, with the reason.
+pub fn read_drivers(folder: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .with_context(|| folder.display().to_string())?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("xml"))
+        })
+        .collect();
+    files.sort();
+    ensure!(
+        !files.is_empty(),
+        "{}: no CommonRoad file (.xml) in this folder",
+        folder.display()
+    );
+    let mut drivers = Drivers::default();
+    for file in files {
+        let stem = file
+            .file_stem()
+            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        match Scenario::read(&file) {
+            Err(error) => drivers.left_out.push((stem, error.to_string())),
+            Ok(scenario) => {
+                for obstacle in scenario.obstacles.iter().filter(|o| o.moving) {
+                    let name = format!("{stem}:{}", obstacle.id);
+                    match drive(&scenario, obstacle.id, &obstacle.kind, rule) {
+                        Ok(round) => drivers.kept.push(Driver { name, round }),
+                        Err(reason) => drivers.left_out.push((name, reason)),
+                    }
+                }
+            }
+        }
+    }
+    Ok(drivers)
+}
+
+/// One driver's drive, or why it is left out.
+fn drive(scenario: &Scenario, id: i32, kind: &str, rule: &Rule) -> Result<Round, String> {
+    if matches!(kind, "pedestrian" | "bicycle" | "train") {
+        return Err(format!("a {kind}"));
+    }
+    let seat = RecordedSeat::new(scenario, id).map_err(|e| e.to_string())?;
+    let step_s = Scene::default().step_s() as f32;
+    let (mut round, mut distance_m, mut clamped) = (Round::default(), 0.0, 0);
+    for (observation, action) in seat {
+        distance_m += observation.ego[1] * EGO_SPEED_MPS * step_s;
+        clamped += usize::from(action.iter().any(|value| value.abs() >= 1.0));
+        round.steps.push(Moment::new(&observation, action));
+    }
+    let steps = round.steps.len();
+    if steps < rule.steps {
+        return Err(format!("{steps} control steps"));
+    }
+    if distance_m < rule.distance_m {
+        return Err(format!("{distance_m:.0} m driven"));
+    }
+    if clamped as f32 > rule.clamped * steps as f32 {
+        return Err(format!("{clamped} of {steps} actions cut"));
+    }
+    Ok(round)
+}
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// Folder of CommonRoad files.
+    pub data: PathBuf,
+    /// Splits of the drivers into those learned from and those tested.
+    pub splits: u64,
+    /// Seed of the splits and of learning.
+    pub seed: u64,
+    /// Fog in which one sees this far ahead, in metres; none: perception is unlimited.
+    pub fog_m: Option<f64>,
+    /// Only some numbers of drivers.
+    pub quick: bool,
+    /// Who is left out.
+    pub rule: Rule,
+}
+
+/// A share of one third of the drivers is tested.
+const TESTED: usize = 3;
+
+impl Study {
+    /// The split: drivers to learn from, in the order in which they are added, and drivers to test.
+    pub fn split(&self, drivers: usize, split: u64) -> (Vec<usize>, Vec<usize>) {
+        let mut order: Vec<usize> = (0..drivers).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(split + 1);
+        order.shuffle(&mut rng);
+        let tested = order.split_off(drivers - drivers / TESTED);
+        (order, tested)
+    }
+
+    /// Numbers of drivers to learn from, of `most`: powers of two and all.
+    pub fn counts(&self, most: usize) -> Vec<usize> {
+        let mut counts: Vec<usize> = (1..).map(|n| 1 << n).take_while(|n| *n < most).collect();
+        counts.push(most);
+        if self.quick {
+            let middle = counts[counts.len() / 2];
+            counts.retain(|n| *n == 2 || *n == middle || *n == most);
+        }
+        counts
+    }
+}
+
+const HEADER: &str = "model,split,drivers,tested,nll,nll_median";
+
+/// Runs a study, or what is left of it, and writes `real.csv` into `out`. `progress` hears of (done, all).
+///
+/// # Errors
+/// If the data cannot be read, are too few, or `out` cannot be written.
+pub fn run(
+    study: &Study,
+    model: &Arc<SelfModel>,
+    out: &Path,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> anyhow::Result<Report> {
+    let drivers = read_drivers(&study.data, &study.rule)?;
+    let kept = drivers.kept.len();
+    ensure!(
+        kept >= 2 * TESTED,
+        "{}: {kept} drivers are left, at least {} are needed. {}",
+        study.data.display(),
+        2 * TESTED,
+        study.rule.words()
+    );
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let names: Vec<&str> = drivers.kept.iter().map(|d| d.name.as_str()).collect();
+    let about = serde_json::json!({
+        "seed": study.seed,
+        "fog_m": study.fog_m,
+        "rule": study.rule,
+        "drivers": names,
+        "self_model": models::checkpoint::digest(model),
+    });
+    ensure_same(&out.join("real.settings.json"), &about)?;
+    let table = Table::open(&out.join("real.csv"), HEADER, 3)?;
+    let counts = study.counts(kept - kept / TESTED);
+    let mut jobs = Vec::new();
+    for split in 0..study.splits {
+        for kind in MODELS {
+            for &count in &counts {
+                // The unchanged self-model learns from nobody.
+                let count = if kind == Kind::Myself { 0 } else { count };
+                let job = (kind, split, count);
+                if !table.has(&key(job)) && !jobs.contains(&job) {
+                    jobs.push(job);
+                }
+            }
+        }
+    }
+    let done = AtomicUsize::new(0);
+    progress(0, jobs.len());
+    jobs.par_iter().try_for_each(|&(kind, split, count)| {
+        let (learned, tested) = study.split(kept, split);
+        let own: Vec<&Driver> = learned[..count].iter().map(|&i| &drivers.kept[i]).collect();
+        let mut human = learn(kind, model, &own, study)?;
+        let mut scores: Vec<f64> = tested
+            .iter()
+            .map(|&i| score(&mut *human, &drivers.kept[i].round))
+            .collect();
+        let nll = scores.iter().sum::<f64>() / scores.len() as f64;
+        let median = median(&mut scores);
+        table.append(&format!(
+            "{},{},{nll:.5},{median:.5}\n",
+            key((kind, split, count)),
+            tested.len()
+        ))?;
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress(done, jobs.len());
+        anyhow::Ok(())
+    })?;
+    Ok(Report::new(study, &drivers, &counts, &table.finish()?))
+}
+
+fn key((kind, split, count): (Kind, u64, usize)) -> String {
+    format!("{},{split},{count}", kind.name())
+}
+
+/// The middle one, or the mean of the two in the middle.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() % 2 {
+        1 => values[middle],
+        _ if middle == 0 => f64::NAN,
+        _ => (values[middle - 1] + values[middle]) / 2.0,
+    }
+}
+
+/// What everybody is taken to see.
+fn visible_m(fog_m: Option<f64>) -> [f32; AZIMUTHS] {
+    fog_m.map_or([f32::INFINITY; AZIMUTHS], |front_m| {
+        let mut scene = Scene::default();
+        scene.set_fog_m(front_m);
+        scene.fog().visible_m
+    })
+}
+
+fn learn(
+    kind: Kind,
+    model: &Arc<SelfModel>,
+    drivers: &[&Driver],
+    study: &Study,
+) -> anyhow::Result<Box<dyn HumanModel>> {
+    let visible_m = visible_m(study.fog_m);
+    match kind {
+        Kind::Mirror | Kind::MirrorP => {
+            let demonstrations = Demonstrations {
+                rounds: drivers.iter().map(|d| d.round.clone()).collect(),
+                ..Demonstrations::default()
+            };
+            // Windows that every kept drive fills, no start left out, and both pedals and wheel at full weight: what is
+            // learned is what is scored.
+            let settings = implants::Settings {
+                window: study.rule.steps,
+                stride: study.rule.steps / 2,
+                skip: 0,
+                warm_up: WARM_UP,
+                weights: [1.0; 2],
+                seed: study.seed,
+                ..implants::Settings::default()
+            };
+            let learned = implants::learn(model, kind, &demonstrations, &settings, |_, _| {})?;
+            Ok(Box::new(SelfHuman::new(
+                model.clone(),
+                Some(learned.implants),
+            )))
+        }
+        Kind::Bc => {
+            let own = drivers
+                .iter()
+                .map(|d| lessons::of_round(&d.round, &visible_m))
+                .collect();
+            let settings = cloning::Settings {
+                seed: study.seed,
+                ..cloning::Settings::default()
+            };
+            // No simulated expert: people on a real motorway drive three times as fast as one in its world.
+            let learned = cloning::learn(own, Vec::new(), &settings, &|_, _, _| {})?;
+            let policy = Arc::new(learned.policy);
+            Ok(Box::new(RecurrentHuman::new(kind, policy, visible_m)))
+        }
+        _ => Ok(Box::new(SelfHuman::new(model.clone(), None))),
+    }
+}
+
+/// Mean −log π(a_t | what they perceived up to t) of a drive, in nats a step, after the warm-up.
+pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
+    let shape = Shape::HIGHWAY;
+    let mut beliefs = Beliefs::new(human.latent(), 1);
+    let mut observations = Observations::new(&shape, 1);
+    let mut action = Tensor::new(shape.action, 1);
+    let mut distribution = ActionDistribution::new(shape.action, 1);
+    let (mut sum, mut counted) = (0.0, 0);
+    for (t, moment) in round.steps.iter().enumerate() {
+        observations
+            .visual
+            .column_mut(0)
+            .copy_from_slice(&moment.visual);
+        let silent = [Communicated::default()];
+        human.perceive(&mut beliefs, &action, &observations, &silent, None);
+        if t >= WARM_UP {
+            human.act(&beliefs, &mut distribution);
+            sum -= f64::from(distribution.log_density(0, &moment.action));
+            counted += 1;
+        }
+        action.column_mut(0).copy_from_slice(&moment.action);
+    }
+    sum / f64::from(counted.max(1))
+}
+
+/// One model's likelihood having learned from so many drivers.
+#[derive(Clone, Debug, Serialize)]
+pub struct Point {
+    /// Model.
+    pub model: &'static str,
+    /// Drivers learned from.
+    pub drivers: usize,
+    /// −log π in nats a step, mean over the tested drivers: over splits with interval.
+    pub nll: Interval,
+    /// The same of the driver in the middle, whom no single strange drive can move.
+    pub median: Interval,
+}
+
+/// What the study found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Drivers that were kept.
+    pub drivers: usize,
+    /// Drivers of each split that were tested.
+    pub tested: usize,
+    /// Drivers and files that were left out, with the reason.
+    pub left_out: Vec<(String, String)>,
+    /// Splits.
+    pub splits: u64,
+    /// Fog that perception was limited by, as a distance ahead.
+    pub fog_m: Option<f64>,
+    /// Who was left out.
+    pub rule: Rule,
+    /// Numbers of drivers learned from.
+    pub counts: Vec<usize>,
+    /// Results.
+    pub points: Vec<Point>,
+}
+
+impl Report {
+    fn new(study: &Study, drivers: &Drivers, counts: &[usize], rows: &[Vec<String>]) -> Self {
+        let mut points = Vec::new();
+        for kind in MODELS {
+            for &count in counts {
+                let learned = if kind == Kind::Myself { 0 } else { count };
+                let over_splits = |column: usize| -> Interval {
+                    let values: Vec<f64> = (0..study.splits)
+                        .filter_map(|split| {
+                            let key = key((kind, split, learned));
+                            let row = rows.iter().find(|row| row[..3].join(",") == key)?;
+                            row[column].parse().ok()
+                        })
+                        .collect();
+                    over_people(&values)
+                };
+                points.push(Point {
+                    model: kind.name(),
+                    drivers: count,
+                    nll: over_splits(4),
+                    median: over_splits(5),
+                });
+            }
+        }
+        Self {
+            drivers: drivers.kept.len(),
+            tested: drivers.kept.len() / TESTED,
+            left_out: drivers.left_out.clone(),
+            splits: study.splits,
+            fog_m: study.fog_m,
+            rule: study.rule,
+            counts: counts.to_vec(),
+            points,
+        }
+    }
+
+    /// Results of one model, in the order of [`Report::counts`].
+    pub fn of(&self, model: &str) -> impl Iterator<Item = &Point> {
+        self.points.iter().filter(move |point| point.model == model)
+    }
+
+    /// Writes `real.json`, `real.svg` and `real.png`.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(&self, out: &Path) -> anyhow::Result<()> {
+        let path = out.join("real.json");
+        std::fs::write(&path, serde_json::to_string_pretty(self)?)
+            .with_context(|| path.display().to_string())?;
+        let panel = |title: &str, value: fn(&Point) -> Interval| Lines {
+            title: title.to_owned(),
+            x: "drivers learned from".to_owned(),
+            y: "−log π(a), nats a step".to_owned(),
+            y_most: self.most(value),
+            lines: MODELS
+                .iter()
+                .map(|kind| Line {
+                    name: kind.name().to_owned(),
+                    points: self
+                        .of(kind.name())
+                        .map(|point| (point.drivers as f64, value(point)))
+                        .collect(),
+                })
+                .collect(),
+        };
+        let panels = [
+            panel("The middle one of the tested drivers", |point| point.median),
+            panel("Mean over the tested drivers", |point| point.nll),
+        ];
+        lines(&panels, &out.join("real"))
+    }
+
+    /// A model that learned from too few can be wrong by hundreds of nats; the plot ends a little above the unchanged
+    /// self-model's likelihood.
+    fn most(&self, value: fn(&Point) -> Interval) -> Option<f64> {
+        let own = self.of(Kind::Myself.name()).map(|point| value(point).mean);
+        own.reduce(f64::max).map(|own| own + 0.1 * own.abs())
+    }
+
+    /// The study's section of RESULTS.md. `command` made it; `note` says what was special about the run.
+    pub fn section(&self, results: &Path, out: &Path, command: &str, note: &str) -> String {
+        let perception = match self.fog_m {
+            None => "Perception is unlimited, up to the LIDAR's 40 m.".to_owned(),
+            Some(m) => format!("Perception is limited as in fog of {m} m ahead; BC is told so."),
+        };
+        let mut text = format!(
+            "`{command}`: −log π(a) of recorded drivers (CommonRoad) in nats a control step, mean over {} splits with 95 % intervals over splits, which share drivers and so are not independent. \
+             {} drivers, of whom {} are tested in each split and never learned from; {} left out. {} {perception} The first {WARM_UP} steps of a drive are not scored. {note}\n\n",
+            self.splits,
+            self.drivers,
+            self.tested,
+            self.left_out.len(),
+            self.rule.words(),
+        );
+        let mut table = |title: &str, value: fn(&Point) -> Interval| {
+            let _ = write!(text, "| {title} |");
+            for count in &self.counts {
+                let _ = write!(text, " {count} drivers |");
+            }
+            let _ = write!(text, "\n| --- |{}", " --- |".repeat(self.counts.len()));
+            for kind in MODELS {
+                let _ = write!(text, "\n| {} |", kind.name());
+                for point in self.of(kind.name()) {
+                    let _ = write!(text, " {} |", with_interval(&value(point), 1.0, 2));
+                }
+            }
+            text.push_str("\n\n");
+        };
+        table("mean over drivers", |point| point.nll);
+        table("driver in the middle", |point| point.median);
+        let plot = |extension| link(results, &out.join("real").with_extension(extension));
+        let _ = writeln!(
+            text,
+            "![likelihood of recorded drivers; what lies above the plot is cut]({})\n\n([PNG]({}), [table]({}), [who was left out]({}))",
+            plot("svg"),
+            plot("png"),
+            plot("csv"),
+            plot("json"),
+        );
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+
+    fn study(quick: bool) -> Study {
+        Study {
+            data: PathBuf::new(),
+            splits: 2,
+            seed: 5,
+            fog_m: None,
+            quick,
+            rule: Rule::default(),
+        }
+    }
+
+    #[test]
+    fn drivers_are_split_and_learned_from_in_a_fixed_order() {
+        for drivers in [6, 20, 43] {
+            let (learned, tested) = study(false).split(drivers, 1);
+            assert_eq!(tested.len(), drivers / 3);
+            let mut all: Vec<usize> = learned.iter().chain(&tested).copied().collect();
+            all.sort_unstable();
+            assert_eq!(all, (0..drivers).collect::<Vec<_>>());
+            assert_eq!(study(true).split(drivers, 1), (learned.clone(), tested));
+            assert_ne!(study(false).split(drivers, 0).0, learned);
+        }
+    }
+
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(median(&mut [9.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&mut [9.0, 1.0, 2.0, 4.0]), 3.0);
+        assert!(median(&mut []).is_nan());
+    }
+
+    #[test]
+    fn counts_end_with_everybody() {
+        assert_eq!(study(false).counts(27), [2, 4, 8, 16, 27]);
+        assert_eq!(study(false).counts(16), [2, 4, 8, 16]);
+        assert_eq!(study(true).counts(27), [2, 8, 27]);
+        assert_eq!(study(true).counts(4), [2, 4]);
+    }
+
+    /// A drive of `steps` steps at random, the same for the same seed.
+    fn driver(seed: u64, steps: usize) -> Round {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let moment = |_| Moment {
+            visual: core::array::from_fn(|_| rng.random_range(0.0..1.0)),
+            action: [0.2, 0.01],
+        };
+        Round {
+            steps: (0..steps).map(moment).collect(),
+            collided: false,
+        }
+    }
+
+    #[test]
+    fn a_score_is_the_mean_of_what_follows_the_warm_up() {
+        let model = SelfModel::new(
+            models::self_model::Sizes::HIGHWAY,
+            &mut ChaCha8Rng::seed_from_u64(1),
+        );
+        let mut human = SelfHuman::new(Arc::new(model), None);
+        let round = driver(3, 12);
+        let whole = score(&mut human, &round);
+        // The same, summed from drives that end earlier: each adds its last step's share.
+        let mut sum = 0.0;
+        let mut before = 0.0;
+        for end in WARM_UP + 1..=12 {
+            let part = Round {
+                steps: round.steps[..end].to_vec(),
+                collided: false,
+            };
+            let total = score(&mut human, &part) * (end - WARM_UP) as f64;
+            sum += total - before;
+            before = total;
+        }
+        assert!(whole.is_finite() && (whole - sum / 7.0).abs() < 1e-9);
+        let mut early = round.clone();
+        early.steps[0].action = [0.9, -0.9];
+        assert_ne!(
+            score(&mut human, &early),
+            whole,
+            "what was done early is remembered"
+        );
+    }
+}
