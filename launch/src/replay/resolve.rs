@@ -75,6 +75,7 @@ impl Resolved {
         planner.model = Some(model);
         match arguments.planner {
             Some(PlannerKind::Ce) => planner.method = planner::Method::Ce,
+            Some(PlannerKind::Kl) => planner.method = planner::Method::Kl,
             Some(PlannerKind::None) => planner.method = planner::Method::None,
             None => {}
         }

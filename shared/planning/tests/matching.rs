@@ -97,13 +97,7 @@ fn matcher(model: &SelfModel) -> Matcher {
 struct Table(Vec<(Communicated, f32)>);
 
 impl ImaginedPeople for Table {
-    fn start(
-        &mut self,
-        _: usize,
-        _: usize,
-        _: u64,
-        _: Option<&[f32]>,
-    ) -> Result<(), PeopleError> {
+    fn start(&mut self, _: usize, _: usize, _: u64, _: Option<&[f32]>) -> Result<(), PeopleError> {
         Ok(())
     }
 
