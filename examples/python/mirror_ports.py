@@ -30,8 +30,7 @@ class Role:
     def __init__(self, standby: bool):
         self.begin = NEVER if standby else (0, 0)
         self.end = NEVER
-        self.sent = None
-        self.passed = None
+        self.sent, self.passed, self.reached = None, None, None
 
     def speaks(self, position) -> bool:
         return self.begin <= position < self.end
@@ -44,6 +43,10 @@ class Role:
 
     def note_passed(self, position):
         self.passed = position if self.passed is None else max(self.passed, position)
+
+    def has_retired(self) -> bool:
+        """Whether it owes nothing any more: there is no border to come to, or it has come there."""
+        return self.end == NEVER or (self.reached is not None and self.reached >= self.end)
 
     def take_over(self, border) -> bool:
         if self.passed is not None and self.passed >= border:
@@ -88,6 +91,8 @@ class Output:
         header.episode, header.step = position
         header.compute_ns = self._node.computed_ns(now_ns())
         role = self._node.role
+        if self._gated:
+            role.reached = position
         if self._gated and not role.speaks(position):
             if len(self._held) == MOST_HELD:
                 role.note_passed(self._held.popleft()[0])

@@ -98,7 +98,7 @@ class Node:
     def __init__(self, arguments: RunArguments):
         self.arguments, self.role, self.times = arguments, Role(arguments.standby), Times()
         self.start_ns, self.steps, self.missed = 0, 0, 0
-        self._stopped = self._started = False
+        self._stopped = self._leaving = self._started = False
         self._catch_up = CATCH_UP_STEPS if arguments.standby else 0
         self._banked_ns, self._woken_ns = 0, now_ns()
         self._inputs, self._outputs, self._waitsets, self._services = [], [], {}, []
@@ -216,6 +216,9 @@ class Node:
 
     def wait(self, inputs) -> bool:
         """Waits until a message waits at any of `inputs`. False: the process shall end."""
+        # Also one that cannot keep pace, such as one that stands by, hears the launcher.
+        if inputs:
+            self._serve_control()
         return self._wait_until(inputs, lambda: any(source.pending() for source in inputs), None)
 
     def wait_step(self, source: Input, position, deadline_ns=None):
@@ -300,7 +303,9 @@ class Node:
                     self.start_ns = control.header.sent_ns
                 self._started = True
             if control.command == STOP:
-                self._stopped = True
+                # Who has handed over still owes what lies before the border, unless the run is over for everybody.
+                self._leaving = True
+                self._stopped = control.process == EVERYBODY or self.role.has_retired()
             elif control.command == REPORT:
                 self._say(RUNNING)
             elif control.command == CONNECT:
@@ -347,6 +352,7 @@ class Node:
     def skip(self, position):
         """This position passes without anything computed for it."""
         self.role.note_passed(position)
+        self.role.reached = position
 
     def computed_ns(self, now: int) -> int:
         """What this step computed until `now`, without waiting."""
@@ -358,6 +364,7 @@ class Node:
         self.times.record(self.computed_ns(now))
         self._banked_ns, self._woken_ns = 0, now
         self.steps += 1
+        self._stopped = self._stopped or (self._leaving and self.role.has_retired())
         if self._catch_up > 0:
             self._catch_up -= 1
             if self._catch_up == 0 and self.role.stands_by():

@@ -180,7 +180,11 @@ impl Plan {
 
     /// What kind of process stands at a place.
     pub fn kind_of(&self, place: usize) -> String {
-        let name = NAMES[place];
+        self.kind_of_process(NAMES[place])
+    }
+
+    /// What kind of process stands in for one of our own, or which of our own it is.
+    pub fn kind_of_process(&self, name: &str) -> String {
         if let Some(command) = self.exec.get(name) {
             return command.clone();
         }
@@ -275,8 +279,8 @@ impl Plan {
         };
         Ok(About {
             scene: self.scene.name.clone(),
-            human: self.human.name().to_owned(),
-            planner: self.planner.name().to_owned(),
+            human: self.kind_of_process("human"),
+            planner: self.kind_of_process("planner"),
             seed: self.seed,
             run_id: run.run_id,
             version: env!("CARGO_PKG_VERSION").to_owned(),

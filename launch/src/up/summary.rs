@@ -154,7 +154,7 @@ impl Summary {
         let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
         let mut summary = Self {
             scene: plan.scene.name.clone(),
-            human: plan.human.name().to_owned(),
+            human: plan.kind_of_process("human"),
             planner: plan.planner.name().to_owned(),
             driver: plan.driver.name.clone(),
             clock: plan.clock,

@@ -25,6 +25,9 @@ pub struct Ports {
     pub action: Input<DriverAction>,
     /// Of these, only an episode's last one is awaited.
     human: Input<HumanBelief>,
+    /// Newest step that a human model spoke of. One that hands over may still be at earlier steps when its successor has
+    /// spoken, so the message that came last does not tell.
+    human_at: Option<(u32, u32)>,
     decision: Input<CommAction>,
     /// Squared distance and index of every car present; only used where more are present than a message holds.
     by_distance: Vec<(f64, usize)>,
@@ -47,7 +50,14 @@ impl Ports {
             scene: node.output(topic::SCENE)?,
             outcome: node.output(topic::OUTCOME)?,
             action: node.input(topic::DRIVER_ACTION, receive)?,
-            human: node.input_with(topic::HUMAN_BELIEF, asleep)?,
+            human: node.input_with(
+                topic::HUMAN_BELIEF,
+                InputOptions {
+                    receive: Receive::InOrder,
+                    ..asleep
+                },
+            )?,
+            human_at: None,
             decision: node.input_with(topic::COMM_ACTION, asleep)?,
             by_distance: Vec::with_capacity(1024),
         })
@@ -57,30 +67,42 @@ impl Ports {
     /// behind: without a planner nobody else waits for it, and its inputs would overflow.
     pub fn keep_together(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
         self.decision.take()?;
-        self.human.take()?;
-        let Some(oldest) = step.checked_sub(MOST_BEHIND) else {
-            return Ok(Wake::Message);
-        };
-        let seen = |header: &messages::Header| (header.episode, header.step) >= (episode, oldest);
-        if self.human.header().is_some_and(seen) {
-            return Ok(Wake::Message);
+        match step.checked_sub(MOST_BEHIND) {
+            Some(oldest) => self.await_human(node, (episode, oldest)),
+            None => {
+                self.hear_human()?;
+                Ok(Wake::Message)
+            }
         }
-        look_until(|deadline| {
-            node.wait_step(&mut [&mut self.human], episode, oldest, Some(deadline))
-        })
+    }
+
+    fn hear_human(&mut self) -> Result<()> {
+        while self.human.take()? {
+            let heard = self.human.header().map(|h| (h.episode, h.step));
+            self.human_at = self.human_at.max(heard);
+        }
+        Ok(())
+    }
+
+    fn await_human(&mut self, node: &mut Node, position: (u32, u32)) -> Result<Wake> {
+        self.hear_human()?;
+        while self.human_at < Some(position) {
+            let looked = node.wait(&mut [&mut self.human], Some(now_ns() + LOOK_NS))?;
+            if looked == Wake::Stop {
+                return Ok(Wake::Stop);
+            }
+            self.hear_human()?;
+        }
+        Ok(Wake::Message)
     }
 
     /// Waits for the human model's belief of the last step and the planner's decision after it.
     pub fn await_last(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Wake> {
-        let Self {
-            human, decision, ..
-        } = self;
+        let decision = &mut self.decision;
         match look_until(|deadline| node.wait_step(&mut [decision], episode, step, Some(deadline)))?
         {
             Wake::Stop => Ok(Wake::Stop),
-            _ => look_until(|deadline| {
-                node.wait_step(&mut [human], episode, step - 1, Some(deadline))
-            }),
+            _ => self.await_human(node, (episode, step - 1)),
         }
     }
 
