@@ -238,13 +238,14 @@ class Node:
         self._banked_ns = self.computed_ns(now_ns())
         try:
             while not self._stopped:
-                if is_done():
-                    return True
+                # The launcher first: one that always has work waiting must hear it, too.
                 was_started = self._started
                 if self._serve_control():
                     if self._started != was_started:
                         return True
                     continue
+                if is_done():
+                    return True
                 now = now_ns()
                 if deadline_ns is not None and now >= deadline_ns:
                     return True
@@ -317,18 +318,18 @@ class Node:
                         source.received = source.lost = 0
                     self.connect()
                     self._release()
-                self._say(BORDER if done else TOO_LATE)
+                self._say(BORDER if done else TOO_LATE, about=border)
             elif control.command == HAND_OVER:
                 done = self.role.hand_over(border)
                 self._release()
-                self._say(BORDER if done else TOO_LATE)
+                self._say(BORDER if done else TOO_LATE, about=border)
         return heard
 
     def _release(self):
         for output in self._outputs:
             output._release()
 
-    def _say(self, state: int, text: str = ""):
+    def _say(self, state: int, text: str = "", about=None):
         def write(report):
             report.process = (ctypes.c_uint8 * 16)(*self.arguments.process.encode()[:16])
             line = text.encode()[:256].decode(errors="ignore").encode()
@@ -341,7 +342,7 @@ class Node:
                 port.topic = (ctypes.c_uint8 * 24)(*source.topic.encode()[:24])
                 port.received, port.lost = source.received, source.lost
 
-        self._report.send(self.role.sent or (0, 0), 0, write)
+        self._report.send(about or self.role.sent or (0, 0), 0, write)
 
     # Steps
 

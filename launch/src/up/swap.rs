@@ -24,6 +24,8 @@ const CATCH_UP_NS: u64 = 30_000 * MS;
 const AGREE_NS: u64 = 5_000 * MS;
 /// The border lies this far ahead, so that both have heard of it before they come to it.
 const AHEAD_NS: u64 = 100 * MS;
+/// How long an old process may take to say what it still owes, once the new one has spoken.
+const OWED_NS: u64 = 2_000 * MS;
 /// Steps after the border that are still watched.
 const AFTERWARDS: u32 = 4;
 /// How long crossing the border may take; in lockstep a driver's or a world's episode has to end first.
@@ -222,10 +224,14 @@ impl Swap {
                 return failed("no answer to the border in time");
             }
             Stage::Crossing => {
-                if around.heads.newest(self.place) >= Some(self.border) {
+                let head = around.heads.of(self.place);
+                let crossed = head.newest.is_some_and(|(newest, _)| newest >= self.border);
+                // An old process that is slower may still owe steps before the border.
+                let owes_nothing = head.left_out <= self.before.0;
+                if crossed && (owes_nothing || waited > OWED_NS) {
                     self.report.cross_ms = self.enter(Stage::Settling);
                     self.retire_old(around)?;
-                } else if waited > CROSS_NS {
+                } else if !crossed && waited > CROSS_NS {
                     return failed("the border was not reached in time");
                 }
             }
@@ -251,6 +257,10 @@ impl Swap {
     /// When the launcher's own ports fail.
     pub fn hear(&mut self, report: &Report, around: &mut Around) -> Result<Option<Finished>> {
         let index = Some(report.index);
+        let about = (report.header.episode, report.header.step);
+        if matches!(report.state, state::BORDER | state::TOO_LATE) && about != self.border {
+            return Ok(None); // an answer to an earlier proposal
+        }
         match (&self.stage, report.state) {
             (Stage::Starting, state::READY) if index == self.new => {
                 self.report.start_ms = self.enter(Stage::CatchingUp);

@@ -56,7 +56,7 @@ fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
         Receive::Newest
     };
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
-    let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
+    let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF)?;
     let mut tracker = Tracker::new(model);
 

@@ -100,7 +100,7 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
     };
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
-    let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
+    let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let mut questions = node.request_server()?;
     let beliefs = node.output::<HumanBelief>(topic::HUMAN_BELIEF)?;
     let mut person = Person::new(model, UtteranceTable::shipped()?);

@@ -311,14 +311,15 @@ impl Node {
             if self.stop_requested() {
                 break Wake::Stop;
             }
-            if is_done(sources)? {
-                break Wake::Message;
-            }
+            // The launcher first: one that always has work waiting must hear it, too.
             if self.serve_control()? {
                 if self.started != was_started {
                     break Wake::Message;
                 }
                 continue;
+            }
+            if is_done(sources)? {
+                break Wake::Message;
             }
             let now = now_ns();
             if deadline_ns.is_some_and(|deadline| now >= deadline) {
@@ -404,7 +405,7 @@ impl Node {
                 command::HAND_OVER => {
                     let done = self.shared.role.hand_over(border);
                     self.shared.release();
-                    self.send_report(if done { state::BORDER } else { state::TOO_LATE }, "")?;
+                    self.answer_border(done, border)?;
                 }
                 _ => {}
             }
@@ -423,8 +424,12 @@ impl Node {
             self.shared.connect();
             self.shared.release();
         }
-        self.send_report(if done { state::BORDER } else { state::TOO_LATE }, "")?;
-        Ok(())
+        self.answer_border(done, border)
+    }
+
+    fn answer_border(&self, done: bool, border: Position) -> Result<(), NodeError> {
+        let state = if done { state::BORDER } else { state::TOO_LATE };
+        Ok(self.send_report_at(state, "", border)?)
     }
 
     /// Ends a step: its compute time goes into the histogram, and allocations are counted once the loop is steady.

@@ -3,6 +3,7 @@
 use crate::error::PortError;
 use crate::node::Node;
 use crate::output::Stamp;
+use crate::role::Position;
 use crate::timing::StageTimer;
 
 /// [`Report::state`](messages::Report::state).
@@ -76,8 +77,17 @@ impl Node {
     }
 
     pub(crate) fn send_report(&self, state: u32, text: &str) -> Result<(), PortError> {
+        self.send_report_at(state, text, self.shared.role.sent().unwrap_or_default())
+    }
+
+    /// A report about a position: the newest that was spoken of, or, in answer to one, a border.
+    pub(crate) fn send_report_at(
+        &self,
+        state: u32,
+        text: &str,
+        (episode, step): Position,
+    ) -> Result<(), PortError> {
         let counters = self.shared.counters.borrow();
-        let (episode, step) = self.shared.role.sent().unwrap_or_default();
         let stamp = Stamp {
             episode,
             step,
