@@ -1,18 +1,17 @@
 //! What the highway study found: conditions with intervals over people, tests within people, plots, and the paper's claims
 //! (g) and (h).
 
+mod claims;
+
 use crate::anova::{Anova, PairedT, paired_t, repeated_measures};
 use crate::drive::Condition;
 use crate::plot::{Bars, bars};
-use crate::results::{Claim, Verdict, claims_table, link, probability, with_interval};
+use crate::results::{Claim, claims_table, link, probability, with_interval};
 use crate::statistics::{Interval, over_people, share};
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
-
-/// How many times as much counts as "several times".
-const SEVERAL: f64 = 3.0;
 
 /// What is measured of a person under a condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -190,62 +189,6 @@ impl Report {
         Some(&pair.1)
     }
 
-    /// Claims (g) and (h), where their conditions were run.
-    fn judge(&self) -> Vec<Claim> {
-        let mut claims = Vec::new();
-        let collisions = |condition| self.condition(condition).map(|c| c.collisions);
-        let fewer = |pair: &PairedT| pair.difference.mean < 0.0 && pair.is_significant();
-        let [silent, bc] = [Condition::Silent, Condition::Bc]
-            .map(|other| Some((collisions(other)?, self.pair(Measure::Collisions, other)?)));
-        if let (Some(mirror), Some((nc, than_nc)), Some((bc, than_bc))) =
-            (collisions(Condition::Mirror), silent, bc)
-        {
-            claims.push(Claim {
-                letter: 'g',
-                claim: "on the highway MIRROR has fewer collisions than NC and BC".to_owned(),
-                ours: format!(
-                    "collisions in % of rounds: MIRROR {}, NC {} ({} adjusted), BC {} ({} adjusted); each part holds if MIRROR's are fewer at an adjusted 5 %",
-                    with_interval(&mirror, 100.0, 1),
-                    with_interval(&nc, 100.0, 1),
-                    probability(than_nc.p_adjusted),
-                    with_interval(&bc, 100.0, 1),
-                    probability(than_bc.p_adjusted),
-                ),
-                verdict: Verdict::of(&[fewer(than_nc), fewer(than_bc)]),
-            });
-        }
-        if let (Some(mirror), Some(kl), Some(than_kl)) = (
-            self.condition(Condition::Mirror),
-            self.condition(Condition::MirrorKl),
-            self.pair(Measure::Collisions, Condition::MirrorKl),
-        ) {
-            let times = |kl: &Interval, mirror: &Interval| kl.mean / mirror.mean.max(1e-9);
-            let shown = times(
-                &kl.highlighted_s_per_minute,
-                &mirror.highlighted_s_per_minute,
-            );
-            let said = times(&kl.utterances_per_minute, &mirror.utterances_per_minute);
-            let kl_is_safer = than_kl.difference.mean > 0.0 && than_kl.is_significant();
-            claims.push(Claim {
-                letter: 'h',
-                claim: "MIRROR-KL communicates several times more than MIRROR without significantly fewer collisions"
-                    .to_owned(),
-                ours: format!(
-                    "highlighting in s per minute: MIRROR-KL {}, MIRROR {} ({shown:.1} times); utterances per minute {} and {} ({said:.1} times); collisions in % of rounds {} and {} ({} adjusted); \"several\" is taken as at least {SEVERAL}",
-                    with_interval(&kl.highlighted_s_per_minute, 1.0, 1),
-                    with_interval(&mirror.highlighted_s_per_minute, 1.0, 1),
-                    with_interval(&kl.utterances_per_minute, 1.0, 1),
-                    with_interval(&mirror.utterances_per_minute, 1.0, 1),
-                    with_interval(&kl.collisions, 100.0, 1),
-                    with_interval(&mirror.collisions, 100.0, 1),
-                    probability(than_kl.p_adjusted),
-                ),
-                verdict: Verdict::of(&[shown >= SEVERAL, said >= SEVERAL, !kl_is_safer]),
-            });
-        }
-        claims
-    }
-
     /// Writes `drive.json`, `drive.svg` and `drive.png`.
     ///
     /// # Errors
@@ -414,110 +357,4 @@ fn summarise(condition: Condition, persons: &[Rows], step_s: f64) -> ConditionSu
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Rows of four people: collisions by condition and case, highlighted steps, utterances.
-    fn rows(of: &[(Condition, [u32; 4], u32, u32)]) -> Vec<Vec<String>> {
-        let mut rows = Vec::new();
-        for (condition, hits, highlighted, utterances) in of {
-            for person in 1..=4_u32 {
-                for case in 1..=6_u32 {
-                    let hit = u32::from(case <= hits[person as usize - 1]);
-                    // Nobody is told exactly as much as anybody else.
-                    let more = person + case;
-                    let row = format!(
-                        "{},{person},1,{case},100,{hit},{},3,{},{},0.5",
-                        condition.name(),
-                        150 - 100 * hit + person,
-                        highlighted * more / 8,
-                        utterances * more / 8,
-                    );
-                    rows.push(row.split(',').map(str::to_owned).collect());
-                }
-            }
-        }
-        rows
-    }
-
-    const FOUR: [Condition; 4] = [
-        Condition::Silent,
-        Condition::Bc,
-        Condition::Mirror,
-        Condition::MirrorKl,
-    ];
-
-    fn report(mirror: [u32; 4], kl: ([u32; 4], u32, u32)) -> Report {
-        let rows = rows(&[
-            (Condition::Silent, [5, 5, 6, 6], 0, 0),
-            (Condition::Bc, [5, 6, 5, 6], 16, 16),
-            (Condition::Mirror, mirror, 8, 8),
-            (Condition::MirrorKl, kl.0, kl.1, kl.2),
-        ]);
-        Report::new(&FOUR, 4, &rows, 0.15)
-    }
-
-    fn verdicts(report: &Report) -> Vec<(char, Verdict)> {
-        report
-            .claims
-            .iter()
-            .map(|c| (c.letter, c.verdict))
-            .collect()
-    }
-
-    #[test]
-    fn claims_follow_from_the_rows() {
-        let as_in_the_paper = report([1, 0, 1, 0], ([0, 1, 1, 0], 80, 64));
-        assert_eq!(
-            verdicts(&as_in_the_paper),
-            [('g', Verdict::Reproduced), ('h', Verdict::Reproduced)]
-        );
-        // No better than the others, and belief matching both safer and, on one channel, quieter.
-        let otherwise = report([5, 5, 6, 6], ([0, 0, 1, 0], 8, 64));
-        assert_eq!(
-            verdicts(&otherwise),
-            [('g', Verdict::Not), ('h', Verdict::Partly)]
-        );
-    }
-
-    #[test]
-    fn numbers_are_per_person_and_minute() {
-        let report = report([1, 0, 1, 0], ([0, 1, 1, 0], 80, 64));
-        let mirror = report.condition(Condition::Mirror).expect("was run");
-        assert_eq!(mirror.rounds, 24);
-        assert!((mirror.collisions.mean - 2.0 / 24.0).abs() < 1e-12);
-        // Person p is told p + c times in case c, in rounds of 15 s: (6 p + 21) / 1.5 min.
-        let expected = (1..=4).map(|p| f64::from(6 * p + 21) / 1.5).sum::<f64>() / 4.0;
-        assert!((mirror.utterances_per_minute.mean - expected).abs() < 1e-9);
-        assert!((mirror.highlighted_s_per_minute.mean - 0.15 * expected).abs() < 1e-9);
-        let utterances = &report.tests[2];
-        assert_eq!(
-            utterances.pairs.len(),
-            2,
-            "silence is not compared in what it says"
-        );
-        assert_eq!(report.tests[0].pairs.len(), 3);
-    }
-
-    #[test]
-    fn section_and_plots_are_written() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let report = report([1, 0, 1, 0], ([0, 1, 1, 0], 80, 64));
-        report.write(folder.path()).expect("written");
-        for file in ["drive.json", "drive.svg", "drive.png"] {
-            assert!(folder.path().join(file).exists(), "{file}");
-        }
-        let file = folder.path().join("RESULTS.md");
-        let text = report.section(&file, folder.path(), "mirror evaluate drive", "A test.");
-        for part in [
-            "| (g) |",
-            "| (h) |",
-            "F(3, 9)",
-            "mirror − silent",
-            "(drive.svg)",
-            "| mirror-kl | 24 |",
-        ] {
-            assert!(text.contains(part), "{part} in\n{text}");
-        }
-    }
-}
+mod tests;

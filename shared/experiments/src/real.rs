@@ -1,13 +1,15 @@
 //! Real drivers (DESIGN §7.5): how well do human models that learned from some recorded people predict what others did? The
 //! negative log-likelihood of recorded actions against the number of drivers learned from, drivers split, never frames.
 
-use crate::plot::{Line, Lines, lines};
-use crate::results::{link, with_interval};
-use crate::statistics::{Interval, over_people};
+mod drivers;
+mod report;
+
+pub use drivers::{Driver, Drivers, Rule, read_drivers};
+pub use report::{Point, Report};
+
 use crate::table::{Table, ensure_same};
 use anyhow::{Context, ensure};
-use domains::commonroad::{RecordedSeat, Scenario};
-use domains::highway::{EGO_SPEED_MPS, Scene};
+use domains::highway::Scene;
 use models::observation::{AZIMUTHS, Shape};
 use models::policy::ActionDistribution;
 use models::{
@@ -18,135 +20,16 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::Serialize;
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use training::demonstrations::{Demonstrations, Moment, Round};
+use training::demonstrations::{Demonstrations, Round};
 use training::{cloning, implants, lessons};
 
 /// Models that are compared.
 pub const MODELS: [Kind; 4] = [Kind::Mirror, Kind::MirrorP, Kind::Bc, Kind::Myself];
 /// Steps at a drive's start that only build up the belief, and are not scored.
 pub const WARM_UP: usize = 5;
-
-/// Who is left out: drivers who give too little to learn from or to be measured on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Rule {
-    /// Fewest control steps (0.15 s each).
-    pub steps: usize,
-    /// Least distance driven in them, in metres.
-    pub distance_m: f32,
-    /// Largest share of actions that the ego car's limits cut.
-    pub clamped: f32,
-}
-
-impl Default for Rule {
-    fn default() -> Self {
-        Self {
-            steps: 15,
-            distance_m: 20.0,
-            clamped: 0.1,
-        }
-    }
-}
-
-impl Rule {
-    /// As a sentence.
-    pub fn words(&self) -> String {
-        format!(
-            "A driver is left out with fewer than {} control steps, less than {} m driven in them, or more than {:.0} % of actions beyond what the ego car's pedals and wheel can do.",
-            self.steps,
-            self.distance_m,
-            100.0 * self.clamped
-        )
-    }
-}
-
-/// A recorded driver.
-#[derive(Clone, Debug)]
-pub struct Driver {
-    /// File and car.
-    pub name: String,
-    /// The drive, as sensed from their seat.
-    pub round: Round,
-}
-
-/// The drivers of a folder.
-#[derive(Clone, Debug, Default)]
-pub struct Drivers {
-    /// Kept, in the order of files and cars.
-    pub kept: Vec<Driver>,
-    /// Left out, with the reason.
-    pub left_out: Vec<(String, String)>,
-}
-
-/// Reads every CommonRoad file (`.xml`) of a folder, and sits down in every moving vehicle.
-///
-/// # Errors
-/// If the folder cannot be read or holds no such file. Files that cannot be read are left out, with the reason.
-pub fn read_drivers(folder: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .with_context(|| folder.display().to_string())?
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case("xml"))
-        })
-        .collect();
-    files.sort();
-    ensure!(
-        !files.is_empty(),
-        "{}: no CommonRoad file (.xml) in this folder",
-        folder.display()
-    );
-    let mut drivers = Drivers::default();
-    for file in files {
-        let stem = file
-            .file_stem()
-            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        match Scenario::read(&file) {
-            Err(error) => drivers.left_out.push((stem, error.to_string())),
-            Ok(scenario) => {
-                for obstacle in scenario.obstacles.iter().filter(|o| o.moving) {
-                    let name = format!("{stem}:{}", obstacle.id);
-                    match drive(&scenario, obstacle.id, &obstacle.kind, rule) {
-                        Ok(round) => drivers.kept.push(Driver { name, round }),
-                        Err(reason) => drivers.left_out.push((name, reason)),
-                    }
-                }
-            }
-        }
-    }
-    Ok(drivers)
-}
-
-/// One driver's drive, or why it is left out.
-fn drive(scenario: &Scenario, id: i32, kind: &str, rule: &Rule) -> Result<Round, String> {
-    if matches!(kind, "pedestrian" | "bicycle" | "train") {
-        return Err(format!("a {kind}"));
-    }
-    let seat = RecordedSeat::new(scenario, id).map_err(|e| e.to_string())?;
-    let step_s = Scene::default().step_s() as f32;
-    let (mut round, mut distance_m, mut clamped) = (Round::default(), 0.0, 0);
-    for (observation, action) in seat {
-        distance_m += observation.ego[1] * EGO_SPEED_MPS * step_s;
-        clamped += usize::from(action.iter().any(|value| value.abs() >= 1.0));
-        round.steps.push(Moment::new(&observation, action));
-    }
-    let steps = round.steps.len();
-    if steps < rule.steps {
-        return Err(format!("{steps} control steps"));
-    }
-    if distance_m < rule.distance_m {
-        return Err(format!("{distance_m:.0} m driven"));
-    }
-    if clamped as f32 > rule.clamped * steps as f32 {
-        return Err(format!("{clamped} of {steps} actions cut"));
-    }
-    Ok(round)
-}
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -358,167 +241,11 @@ pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
     sum / f64::from(counted.max(1))
 }
 
-/// One model's likelihood having learned from so many drivers.
-#[derive(Clone, Debug, Serialize)]
-pub struct Point {
-    /// Model.
-    pub model: &'static str,
-    /// Drivers learned from.
-    pub drivers: usize,
-    /// −log π in nats a step, mean over the tested drivers: over splits with interval.
-    pub nll: Interval,
-    /// The same of the driver in the middle, whom no single strange drive can move.
-    pub median: Interval,
-}
-
-/// What the study found.
-#[derive(Clone, Debug, Serialize)]
-pub struct Report {
-    /// Drivers that were kept.
-    pub drivers: usize,
-    /// Drivers of each split that were tested.
-    pub tested: usize,
-    /// Drivers and files that were left out, with the reason.
-    pub left_out: Vec<(String, String)>,
-    /// Splits.
-    pub splits: u64,
-    /// Fog that perception was limited by, as a distance ahead.
-    pub fog_m: Option<f64>,
-    /// Who was left out.
-    pub rule: Rule,
-    /// Numbers of drivers learned from.
-    pub counts: Vec<usize>,
-    /// Results.
-    pub points: Vec<Point>,
-}
-
-impl Report {
-    fn new(study: &Study, drivers: &Drivers, counts: &[usize], rows: &[Vec<String>]) -> Self {
-        let mut points = Vec::new();
-        for kind in MODELS {
-            for &count in counts {
-                let learned = if kind == Kind::Myself { 0 } else { count };
-                let over_splits = |column: usize| -> Interval {
-                    let values: Vec<f64> = (0..study.splits)
-                        .filter_map(|split| {
-                            let key = key((kind, split, learned));
-                            let row = rows.iter().find(|row| row[..3].join(",") == key)?;
-                            row[column].parse().ok()
-                        })
-                        .collect();
-                    over_people(&values)
-                };
-                points.push(Point {
-                    model: kind.name(),
-                    drivers: count,
-                    nll: over_splits(4),
-                    median: over_splits(5),
-                });
-            }
-        }
-        Self {
-            drivers: drivers.kept.len(),
-            tested: drivers.kept.len() / TESTED,
-            left_out: drivers.left_out.clone(),
-            splits: study.splits,
-            fog_m: study.fog_m,
-            rule: study.rule,
-            counts: counts.to_vec(),
-            points,
-        }
-    }
-
-    /// Results of one model, in the order of [`Report::counts`].
-    pub fn of(&self, model: &str) -> impl Iterator<Item = &Point> {
-        self.points.iter().filter(move |point| point.model == model)
-    }
-
-    /// Writes `real.json`, `real.svg` and `real.png`.
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join("real.json");
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
-        let panel = |title: &str, value: fn(&Point) -> Interval| Lines {
-            title: title.to_owned(),
-            x: "drivers learned from".to_owned(),
-            y: "−log π(a), nats a step".to_owned(),
-            y_most: self.most(value),
-            lines: MODELS
-                .iter()
-                .map(|kind| Line {
-                    name: kind.name().to_owned(),
-                    points: self
-                        .of(kind.name())
-                        .map(|point| (point.drivers as f64, value(point)))
-                        .collect(),
-                })
-                .collect(),
-        };
-        let panels = [
-            panel("The middle one of the tested drivers", |point| point.median),
-            panel("Mean over the tested drivers", |point| point.nll),
-        ];
-        lines(&panels, &out.join("real"))
-    }
-
-    /// A model that learned from too few can be wrong by hundreds of nats; the plot ends a little above the unchanged
-    /// self-model's likelihood.
-    fn most(&self, value: fn(&Point) -> Interval) -> Option<f64> {
-        let own = self.of(Kind::Myself.name()).map(|point| value(point).mean);
-        own.reduce(f64::max).map(|own| own + 0.1 * own.abs())
-    }
-
-    /// The study's section of RESULTS.md. `command` made it; `note` says what was special about the run.
-    pub fn section(&self, results: &Path, out: &Path, command: &str, note: &str) -> String {
-        let perception = match self.fog_m {
-            None => "Perception is unlimited, up to the LIDAR's 40 m.".to_owned(),
-            Some(m) => format!("Perception is limited as in fog of {m} m ahead; BC is told so."),
-        };
-        let mut text = format!(
-            "`{command}`: −log π(a) of recorded drivers (CommonRoad) in nats a control step, mean over {} splits with 95 % intervals over splits, which share drivers and so are not independent. \
-             {} drivers, of whom {} are tested in each split and never learned from; {} left out. {} {perception} The first {WARM_UP} steps of a drive are not scored. {note}\n\n",
-            self.splits,
-            self.drivers,
-            self.tested,
-            self.left_out.len(),
-            self.rule.words(),
-        );
-        let mut table = |title: &str, value: fn(&Point) -> Interval| {
-            let _ = write!(text, "| {title} |");
-            for count in &self.counts {
-                let _ = write!(text, " {count} drivers |");
-            }
-            let _ = write!(text, "\n| --- |{}", " --- |".repeat(self.counts.len()));
-            for kind in MODELS {
-                let _ = write!(text, "\n| {} |", kind.name());
-                for point in self.of(kind.name()) {
-                    let _ = write!(text, " {} |", with_interval(&value(point), 1.0, 2));
-                }
-            }
-            text.push_str("\n\n");
-        };
-        table("mean over drivers", |point| point.nll);
-        table("driver in the middle", |point| point.median);
-        let plot = |extension| link(results, &out.join("real").with_extension(extension));
-        let _ = writeln!(
-            text,
-            "![likelihood of recorded drivers; what lies above the plot is cut]({})\n\n([PNG]({}), [table]({}), [who was left out]({}))",
-            plot("svg"),
-            plot("png"),
-            plot("csv"),
-            plot("json"),
-        );
-        text
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::RngExt;
+    use training::demonstrations::Moment;
 
     fn study(quick: bool) -> Study {
         Study {
