@@ -12,11 +12,11 @@ use nn::{Tensor, noise};
 use std::sync::Arc;
 
 impl Items for Arc<Layout> {
-    fn visual(&self) -> usize {
+    fn visual_items(&self) -> usize {
         self.regions
     }
 
-    fn verbal(&self) -> usize {
+    fn verbal_items(&self) -> usize {
         self.utterances
     }
 

@@ -4,13 +4,13 @@ use crate::planner::Settings;
 use models::Communicated;
 use models::observation::{SECTORS, azimuths_shown};
 
-/// The items of a domain: `visual()` things that can be shown, `verbal()` that can be said.
+/// The items of a domain: `visual_items()` things that can be shown, `verbal_items()` that can be said.
 pub trait Items {
     /// Visual items.
-    fn visual(&self) -> usize;
+    fn visual_items(&self) -> usize;
 
     /// Verbal items.
-    fn verbal(&self) -> usize;
+    fn verbal_items(&self) -> usize;
 
     /// What the channels can carry at all: a display does not reach everywhere.
     fn possible(&self) -> Communicated;
@@ -20,7 +20,7 @@ pub trait Items {
 
     /// Items in all.
     fn count(&self) -> usize {
-        self.visual() + self.verbal()
+        self.visual_items() + self.verbal_items()
     }
 }
 
@@ -29,11 +29,11 @@ pub trait Items {
 pub struct Sectors;
 
 impl Items for Sectors {
-    fn visual(&self) -> usize {
+    fn visual_items(&self) -> usize {
         SECTORS
     }
 
-    fn verbal(&self) -> usize {
+    fn verbal_items(&self) -> usize {
         SECTORS
     }
 

@@ -4,6 +4,7 @@ pub mod assistant;
 pub mod chooser;
 pub mod cross_entropy;
 pub mod discrete;
+pub mod ideal;
 pub mod imagination;
 pub mod items;
 pub mod matching;

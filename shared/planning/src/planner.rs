@@ -306,7 +306,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
 
     /// Nothing can be said while an utterance is still running, and nothing shown where the display does not reach.
     fn forbid(&mut self, speech_ready_steps: usize) {
-        let (visual, bits) = (self.items.visual(), self.items.count());
+        let (visual, bits) = (self.items.visual_items(), self.items.count());
         let possible = self.items.possible();
         for (d, forbidden) in self.population.forbidden.chunks_exact_mut(bits).enumerate() {
             let speaking = d * self.settings.hold < speech_ready_steps;
@@ -336,7 +336,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             ..
         } = self.settings;
         let steps = horizon * hold;
-        let (visual, count) = (self.items.visual(), self.items.count());
+        let (visual, count) = (self.items.visual_items(), self.items.count());
         for (g, group) in self.groups.iter_mut().enumerate() {
             let seed = mix(&[seed, g as u64]);
             let known_action = from.known_action.as_ref().map(AsRef::as_ref);
@@ -384,7 +384,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             discount,
             ..
         } = self.settings;
-        let (visual, count) = (self.items.visual(), self.items.count());
+        let (visual, count) = (self.items.visual_items(), self.items.count());
         for (i, value) in self.values.iter_mut().enumerate() {
             let bits = self.population.sample(i);
             for d in 0..horizon {
@@ -413,7 +413,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             ..
         } = self.settings;
         let (mut visual, mut verbal) = (0, 0);
-        let shown = self.items.visual();
+        let shown = self.items.visual_items();
         for b in 0..self.items.count() {
             let p = self.probability(b);
             if b < shown && p > visual_threshold {

@@ -2,8 +2,9 @@
 //! running set has (DESIGN §3).
 
 use crate::discrete::DiscreteAssistant;
+use crate::ideal::IdealPeople;
 use crate::people::PeopleError;
-use domains::discrete::{Discrete, End, Mask, Mind, World};
+use domains::discrete::{Discrete, End, MAX_ACTIONS, Mask, Mind, SimulatedPerson, World};
 
 /// Who decides what is communicated.
 pub enum Advice<'a> {
@@ -13,6 +14,8 @@ pub enum Advice<'a> {
     Everything,
     /// An assistant that plans.
     Planned(&'a mut DiscreteAssistant),
+    /// An assistant that plans with clones of the person themselves (IM).
+    Ideal(&'a mut DiscreteAssistant, &'a mut IdealPeople),
 }
 
 /// How a round went.
@@ -43,7 +46,7 @@ pub struct RoundResult {
 /// What the planner's imagined people answer.
 pub fn play(
     world: &mut World,
-    person: &mut dyn Mind,
+    person: &mut SimulatedPerson,
     mut advice: Advice,
     seed: u64,
     episode: u32,
@@ -55,7 +58,7 @@ pub fn play(
     let mut told = Mask::NONE;
     let mut taken = None;
     let mut result = RoundResult::default();
-    if let Advice::Planned(assistant) = &mut advice {
+    if let Advice::Planned(assistant) | Advice::Ideal(assistant, _) = &mut advice {
         assistant.reset();
     }
     while world.end().is_running() {
@@ -66,7 +69,14 @@ pub fn play(
         result.cost += layout.cost(told);
         let seen = person.look(&visual);
         person.perceive(&visual, &verbal, seen | told);
+        let mut probabilities = [0.0; MAX_ACTIONS];
+        if matches!(advice, Advice::Ideal(..)) {
+            // Of a clone: asking takes random numbers.
+            let mut clone = person.clone();
+            clone.probabilities(&mut probabilities[..layout.actions]);
+        }
         let action = person.act();
+        let probability = probabilities[action];
         let step = result.steps;
         told = match &mut advice {
             Advice::Silence => Mask::NONE,
@@ -77,6 +87,14 @@ pub fn play(
                 let expected = assistant.expected_action();
                 result.surprise -= expected.log_probability.column(0)[action];
                 let plan = assistant.decide(Some(action), seed, episode, step)?;
+                plan.communicated.into()
+            }
+            Advice::Ideal(assistant, people) => {
+                let at = [seed, u64::from(episode), u64::from(step)];
+                assistant.observe(&visual, &verbal, told, taken, at);
+                result.surprise -= probability.max(f32::MIN_POSITIVE).ln();
+                people.follow(person);
+                let plan = assistant.decide_with(*people, Some(action), seed, episode, step)?;
                 plan.communicated.into()
             }
         };

@@ -6,6 +6,7 @@ use models::HumanModel;
 use models::discrete::{DiscreteHuman, DiscreteModel};
 use planning::DiscreteAssistant;
 use planning::discrete::settings_of;
+use planning::ideal::IdealPeople;
 use planning::round::{Advice, RoundResult, play};
 use std::sync::Arc;
 use training::discrete::{Rounds, implants};
@@ -86,6 +87,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (full, t) =
             all(&mut |w, p, i| play(w, p, Advice::Everything, seed, i).unwrap_or_default());
         print("everything", &full, t);
+        let human = DiscreteHuman::new(Arc::clone(&model), None, heard);
+        let mut assistant = DiscreteAssistant::new(Arc::clone(&model), Box::new(human), planning);
+        let mut ideal = IdealPeople::new(
+            &SimulatedPerson::builtin(&scene, id, &words)?,
+            &model.layout,
+        );
+        let (results, t) = all(&mut |w, p, i| {
+            let advice = Advice::Ideal(&mut assistant, &mut ideal);
+            play(w, p, advice, seed, i).unwrap_or_default()
+        });
+        print("ideal", &results, t);
         for (name, human) in assistants {
             let mut assistant = DiscreteAssistant::new(Arc::clone(&model), human, planning);
             let (results, t) = all(&mut |w, p, i| {

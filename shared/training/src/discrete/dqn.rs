@@ -94,7 +94,7 @@ impl Settings {
             // Short phases: what an expert never does is valued by extrapolation until the policy has tried it, so that the policy
             // has to act often.
             Domain::SearchRescue | Domain::BombDefusal => Self {
-                phases: 300,
+                phases: 600,
                 rounds: 9,
                 gradient_steps: 60,
                 expert: 1.0,
