@@ -9,6 +9,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as OsChild, Command, Stdio};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 /// What a process is doing.
@@ -38,6 +39,9 @@ pub struct Child {
     pub why: Option<String>,
     child: OsChild,
     descriptor: OwnedFd,
+    /// Shows what it writes to its standard error; for our own executable, which closes that when it ends.
+    errors: Option<JoinHandle<()>>,
+    last_words: Arc<Mutex<String>>,
 }
 
 impl Child {
@@ -120,20 +124,24 @@ impl Children {
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting {name}"))?;
-        let mut readers = Vec::new();
+        // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
+        let is_ours = !plan.exec.contains_key(name);
         if let Some(out) = child.stdout.take() {
             let screen = screen.clone();
-            readers.push(forward(out, move |line| screen.line(line)));
+            let reader = forward(out, move |line| screen.line(line));
+            self.readers.extend(is_ours.then_some(reader));
         }
+        let last_words = Arc::new(Mutex::new(String::new()));
+        let mut errors = None;
         if let Some(err) = child.stderr.take() {
-            let screen = screen.clone();
-            readers.push(forward(err, move |line| {
-                screen.warn(&format!("{name}: {line}"))
-            }));
-        }
-        // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
-        if !plan.exec.contains_key(name) {
-            self.readers.append(&mut readers);
+            let (screen, last_words) = (screen.clone(), last_words.clone());
+            let reader = forward(err, move |line| {
+                screen.warn(&format!("{name}: {line}"));
+                if let Ok(mut words) = last_words.lock() {
+                    line.trim_start_matches("mirror: ").clone_into(&mut words);
+                }
+            });
+            errors = is_ours.then_some(reader);
         }
         let descriptor = match process_descriptor(child.id()) {
             Ok(descriptor) => descriptor,
@@ -152,6 +160,8 @@ impl Children {
             why: None,
             child,
             descriptor,
+            errors,
+            last_words,
         });
         Ok(index)
     }
@@ -243,6 +253,17 @@ impl Children {
             (None, Some(signal)) => format!("was killed by signal {signal}"),
             (None, None) => "ended".to_owned(),
         };
+        // One that ends as soon as it has begun may have had no time to report.
+        if let Some(errors) = ended.errors.take() {
+            let _ = errors.join();
+        }
+        if ended.why.is_none()
+            && status.code().is_some_and(|code| code != 0)
+            && let Ok(words) = ended.last_words.lock()
+            && !words.is_empty()
+        {
+            ended.why = Some(words.clone());
+        }
         if let Some(why) = ended.why {
             how += &format!(" ({why})");
         }

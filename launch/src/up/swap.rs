@@ -23,7 +23,7 @@ const CATCH_UP_NS: u64 = 30_000 * MS;
 /// How long an answer to an agreement may take: longer than any process computes without looking up.
 const AGREE_NS: u64 = 5_000 * MS;
 /// The border lies this far ahead, so that both have heard of it before they come to it.
-const AHEAD_NS: u64 = 100 * MS;
+const AHEAD_NS: u64 = 250 * MS;
 /// How long an old process may take to say what it still owes, once the new one has spoken.
 const OWED_NS: u64 = 2_000 * MS;
 /// Steps after the border that are still watched.
@@ -374,8 +374,8 @@ impl Swap {
     fn done(&self, around: &Around) -> Finished {
         let head = around.heads.of(self.place);
         let mut report = self.report.clone();
-        report.ticks_without_answer = head.left_out - self.before.0;
-        report.late_answers = head.late - self.before.1;
+        report.ticks_without_answer = head.left_out.saturating_sub(self.before.0);
+        report.late_answers = head.late.saturating_sub(self.before.1);
         report.lost_messages = around.lost.saturating_sub(self.before.2);
         report.longest_gap_ms = head.longest_ns as f64 / MS as f64;
         Finished::Done(Box::new(self.plan.clone()), report)
@@ -397,8 +397,10 @@ impl Swap {
             let ahead = (ahead.ceil() as u32 + 2) << (self.report.tries - 1);
             (episode, step + ahead)
         };
-        let head = around.heads.of(self.place);
-        self.before = (head.left_out, head.late, around.lost);
+        if self.report.tries == 1 {
+            let head = around.heads.of(self.place);
+            self.before = (head.left_out, head.late, around.lost);
+        }
         self.report.agree_ms += self.enter(Stage::AskingNew);
         match self.new {
             // A world acts by itself: it is told when the old one has stopped.

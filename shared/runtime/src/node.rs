@@ -65,6 +65,7 @@ pub struct Node {
     /// Steps to read in silence before the process says that it has caught up; 0 once it has.
     catch_up: u64,
     pub(crate) skipped: u64,
+    has_spoken: bool,
     pub(crate) digest: [u8; 32],
 }
 
@@ -101,6 +102,7 @@ impl Node {
             stopped: false,
             catch_up: if arguments.standby { CATCH_UP_STEPS } else { 0 },
             skipped: 0,
+            has_spoken: !arguments.standby,
             digest: [0; 32],
         })
     }
@@ -416,15 +418,18 @@ impl Node {
     fn take_over(&mut self, border: Position) -> Result<(), NodeError> {
         let done = self.shared.role.take_over(border);
         if done {
-            // What a process missed while it stood by is missing nowhere.
-            for counter in self.shared.counters.borrow().iter() {
-                counter.forget();
-            }
-            self.skipped = 0;
+            self.forget_losses();
             self.shared.connect();
             self.shared.release();
         }
         self.answer_border(done, border)
+    }
+
+    fn forget_losses(&mut self) {
+        for counter in self.shared.counters.borrow().iter() {
+            counter.forget();
+        }
+        self.skipped = 0;
     }
 
     fn answer_border(&self, done: bool, border: Position) -> Result<(), NodeError> {
@@ -445,6 +450,11 @@ impl Node {
             }
         }
         self.allocations_before = allocations;
+        if !self.has_spoken && self.shared.role.sent().is_some() {
+            // What a process missed before its first words is missing nowhere.
+            self.has_spoken = true;
+            self.forget_losses();
+        }
         if self.catch_up > 0 {
             self.catch_up -= 1;
             if self.catch_up == 0 && self.stands_by() {
