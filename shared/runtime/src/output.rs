@@ -73,6 +73,9 @@ pub(crate) trait Connect {
 /// Messages that an output holds back: in lockstep, nobody is further ahead of a process that is silent.
 const MOST_HELD: usize = 4;
 
+/// A message that is held back, and where in the run it belongs.
+type Held<M> = (Stamp, SampleMut<Ipc, M, ()>);
+
 struct Core<M: Message> {
     topic: &'static str,
     publisher: Publisher<Ipc, M, ()>,
@@ -81,7 +84,7 @@ struct Core<M: Message> {
     /// Whether the process's [`Role`](crate::role::Role) decides what is sent.
     gated: bool,
     /// Written while the process had to be silent.
-    held: RefCell<VecDeque<(Stamp, SampleMut<Ipc, M, ()>)>>,
+    held: RefCell<VecDeque<Held<M>>>,
     shared: Weak<Shared>,
 }
 
