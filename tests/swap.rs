@@ -39,6 +39,17 @@ fn implants(bench: &Bench) -> String {
     bench.path("implants.safetensors").display().to_string()
 }
 
+/// The arguments of a swap to a human model of this kind.
+fn with_what_it_learned<'a>(kind: &'a str, implants: &'a str, policy: &'a str) -> Vec<&'a str> {
+    let mut arguments = vec!["human", kind];
+    match kind {
+        "mirror" => arguments.extend(["--implants", implants]),
+        "bc" => arguments.extend(["--implants", policy]),
+        _ => {}
+    }
+    arguments
+}
+
 fn end(mut live: Live, name: &str) {
     live.signal("launcher", libc::SIGINT);
     assert_eq!(live.wait().code(), Some(1), "interrupted");
@@ -49,7 +60,7 @@ fn end(mut live: Live, name: &str) {
 #[test]
 fn human_models_change_places_in_lockstep() {
     let bench = Bench::new();
-    let implants = implants(&bench);
+    let (implants, policy) = (implants(&bench), bench.write_policy());
     let name = instance("swap-lockstep");
     let file = bench.path("summary.json");
     let mut command = bench.up(&name);
@@ -58,11 +69,8 @@ fn human_models_change_places_in_lockstep() {
         .arg(&file);
     let live = Live::start(&mut command, &name);
     let mut last = (0, 0);
-    for kind in ["mirror", "self", "mirror", "self"] {
-        let mut arguments = vec!["human", kind];
-        if kind == "mirror" {
-            arguments.extend(["--implants", &implants]);
-        }
+    for kind in ["mirror", "bc", "self", "mirror"] {
+        let arguments = with_what_it_learned(kind, &implants, &policy);
         let report = swaps_cleanly(&name, &bench, &arguments);
         let border = (
             report["border"][0].as_u64().unwrap(),
@@ -75,7 +83,7 @@ fn human_models_change_places_in_lockstep() {
     let summary = summary(&file);
     assert_eq!(summary["swaps"].as_array().unwrap().len(), 4);
     assert_eq!(summary["deaths"], Value::Array(Vec::new()));
-    assert_eq!(summary["human"], "self");
+    assert_eq!(summary["human"], "mirror");
     for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
         assert_eq!(lost, 0, "{topic}");
     }
@@ -84,16 +92,13 @@ fn human_models_change_places_in_lockstep() {
 #[test]
 fn human_models_change_places_in_real_time() {
     let bench = Bench::new();
-    let implants = implants(&bench);
+    let (implants, policy) = (implants(&bench), bench.write_policy());
     let name = instance("swap-realtime");
     let mut command = bench.up(&name);
     command.args(["--episodes", "1000000", "--clock", "realtime"]);
     let live = Live::start(&mut command, &name);
-    for kind in ["mirror", "self"] {
-        let mut arguments = vec!["human", kind];
-        if kind == "mirror" {
-            arguments.extend(["--implants", &implants]);
-        }
+    for kind in ["mirror", "bc", "self", "mirror"] {
+        let arguments = with_what_it_learned(kind, &implants, &policy);
         swaps_cleanly(&name, &bench, &arguments);
     }
     end(live, &name);

@@ -9,7 +9,7 @@ mod common;
 use common::{Bench, Live, assert_nothing_left, instance, status, summary};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// Accidents of the short form.
@@ -89,8 +89,18 @@ fn a_run_survives_whatever_happens_to_its_processes() {
     let died: Vec<_> = deaths.iter().map(|death| &death["process"]).collect();
     assert_eq!(deaths.len(), victims.len(), "{died:?}");
     assert_nothing_left(&name);
-    let messages = decode_parts(&recording);
+    let (messages, missing) = decode_parts(&recording);
     assert!(messages > 0);
+    for (topic, counts) in summary["recording"]["topics"].as_object().unwrap() {
+        // On these, every process counts for itself.
+        if topic.starts_with("run/") {
+            continue;
+        }
+        let lost = ["lost_ports", "lost_queue", "lost_disk", "lost_restart"];
+        let counted: u64 = lost.iter().map(|lost| counts[lost].as_u64().unwrap()).sum();
+        let missing = missing.get(topic).copied().unwrap_or(0);
+        assert!(missing <= counted, "{topic}: {missing} missing, {counts}");
+    }
     eprintln!(
         "{accidents} accidents, {} deaths, {} hangs, {} restarts, {messages} messages recorded, {} steps",
         deaths.len(),
@@ -100,9 +110,12 @@ fn a_run_survives_whatever_happens_to_its_processes() {
     );
 }
 
-/// Reads every part of a recording up to where its recorder was killed; returns the messages.
-fn decode_parts(first: &std::path::Path) -> usize {
+/// Reads every part of a recording up to where its recorder was killed; returns how many messages there are, and by topic
+/// how many the sequence numbers say are missing.
+fn decode_parts(first: &std::path::Path) -> (usize, BTreeMap<String, u64>) {
     let mut messages = 0;
+    // By topic: when sent, and sequence number.
+    let mut found: BTreeMap<String, BTreeSet<(u64, u64)>> = BTreeMap::new();
     let folder = first.parent().unwrap();
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
         let path = entry.path();
@@ -114,7 +127,38 @@ fn decode_parts(first: &std::path::Path) -> usize {
         let Ok(stream) = mcap::MessageStream::new_with_options(&bytes, options.into()) else {
             continue; // killed before it wrote its first bytes
         };
-        messages += stream.map_while(Result::ok).count();
+        for message in stream.map_while(Result::ok) {
+            messages += 1;
+            let name = message.channel.topic.trim_start_matches('/');
+            let word = |at: usize| {
+                let bytes = message.data.get(at..at + 8)?;
+                Some(u64::from_le_bytes(bytes.try_into().ok()?))
+            };
+            // Behind four bytes of CDR, every message of ours begins with run, sequence number and time sent.
+            if let (Some(sequence), Some(sent_ns)) = (word(12), word(20))
+                && message
+                    .channel
+                    .schema
+                    .as_ref()
+                    .is_some_and(|schema| schema.name.starts_with("mirror_msgs/"))
+            {
+                let topic = found.entry(name.to_owned()).or_default();
+                topic.insert((sent_ns, sequence));
+            }
+        }
     }
-    messages
+    let missing = |(topic, sent): (String, BTreeSet<(u64, u64)>)| {
+        let (mut missing, mut next) = (0, 0);
+        for (_, sequence) in sent {
+            // A sender that took another's place counts from 0 again.
+            missing += if sequence >= next {
+                sequence - next
+            } else {
+                sequence
+            };
+            next = sequence + 1;
+        }
+        (topic, missing)
+    };
+    (messages, found.into_iter().map(missing).collect())
 }

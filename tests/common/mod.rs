@@ -1,8 +1,8 @@
 //! What the whole-system tests share: starting `mirror`, an untrained self-model, and looking for what a run left.
 #![allow(dead_code)] // Each test program uses its own part.
 
-use models::SelfModel;
 use models::self_model::Sizes;
+use models::{Kind, SelfModel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use runtime::instance::{default_root, nodes, prefix};
@@ -41,6 +41,18 @@ impl Bench {
         let implants = models::Implants::new(sizes.latent, sizes.shape.action, true, rng);
         let path = self.path("implants.safetensors");
         models::checkpoint::save_implants(&path, &implants, &model, "tests").unwrap();
+    }
+
+    /// A policy for human model `bc` that learned nothing either.
+    pub fn write_policy(&self) -> String {
+        let sizes = models::recurrent::RecurrentSizes::HIGHWAY;
+        let rng = &mut ChaCha8Rng::seed_from_u64(3);
+        let policy = models::recurrent::RecurrentPolicy::new(sizes, rng);
+        let path = self.path("policy.safetensors");
+        let visible_m = [10.0; models::observation::AZIMUTHS];
+        models::recurrent_file::save_policy(&path, Kind::Bc, &policy, &visible_m, "tests", &[])
+            .unwrap();
+        path.display().to_string()
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

@@ -101,6 +101,10 @@ struct Mark {
 struct Together {
     written: PerTopic,
     last: [Option<Mark>; TOPICS.len()],
+    /// Messages that none of them holds, by the sequence numbers of those around.
+    missing: PerTopic,
+    /// Each topic's senders, by the sequence number that is next.
+    senders: [Vec<u64>; TOPICS.len()],
     digest: Digest,
 }
 
@@ -112,6 +116,7 @@ impl Together {
             let topic = message.topic();
             together.written[topic] += 1;
             let header = message.header();
+            together.count(topic, header.sequence);
             together.last[topic] = Some(Mark {
                 sequence: header.sequence,
                 sent_ns: header.sent_ns,
@@ -122,6 +127,26 @@ impl Together {
             }
         });
         read.ok().map(|_| together)
+    }
+
+    /// Counts what is missing before a message: of the sender that it continues best, or of one that is new and counts
+    /// from 0.
+    fn count(&mut self, topic: usize, sequence: u64) {
+        let senders = &mut self.senders[topic];
+        let best = senders
+            .iter_mut()
+            .filter(|next| **next <= sequence)
+            .min_by_key(|next| sequence - **next);
+        match best {
+            Some(next) => {
+                self.missing[topic] += sequence - *next;
+                *next = sequence + 1;
+            }
+            None => {
+                self.missing[topic] += sequence;
+                senders.push(sequence + 1);
+            }
+        }
     }
 
     /// Messages between the last of these and the first that another recorder received, by topic.
@@ -215,6 +240,12 @@ impl Recorder {
         let joined_late = node.arguments().standby && file.is_none();
         if let Some(earlier) = earlier.as_ref().filter(|_| !joined_late) {
             lost.restart = earlier.lost_before(&taken.first);
+            // Those that were killed could not say what they had lost, nor what was sent between two of them.
+            for (topic, lost) in lost.restart.iter_mut().enumerate() {
+                if TOPICS[topic].is_repeatable() {
+                    *lost += earlier.missing[topic];
+                }
+            }
             // A port that was there before the start counts all that was sent before its first message as lost; what
             // an earlier recorder has of it is not, and what it has not is counted above.
             for (topic, first) in taken.first.iter().enumerate() {
