@@ -103,8 +103,8 @@ struct Together {
     last: [Option<Mark>; TOPICS.len()],
     /// Messages that none of them holds, by the sequence numbers of those around.
     missing: PerTopic,
-    /// Each topic's senders, by the sequence number that is next.
-    senders: [Vec<u64>; TOPICS.len()],
+    /// Each topic's last sender but one and its last, by the sequence number that is next.
+    senders: [[u64; 2]; TOPICS.len()],
     digest: Digest,
 }
 
@@ -129,23 +129,18 @@ impl Together {
         read.ok().map(|_| together)
     }
 
-    /// Counts what is missing before a message: of the sender that it continues best, or of one that is new and counts
-    /// from 0.
+    /// Counts what is missing before a message. A sender that takes another's place counts from 0 again; the last words of
+    /// the one may stand after the first of the other.
     fn count(&mut self, topic: usize, sequence: u64) {
-        let senders = &mut self.senders[topic];
-        let best = senders
-            .iter_mut()
-            .filter(|next| **next <= sequence)
-            .min_by_key(|next| sequence - **next);
-        match best {
-            Some(next) => {
-                self.missing[topic] += sequence - *next;
-                *next = sequence + 1;
-            }
-            None => {
-                self.missing[topic] += sequence;
-                senders.push(sequence + 1);
-            }
+        let [before, now] = &mut self.senders[topic];
+        if sequence == *before && sequence > 0 {
+            *before += 1;
+        } else if sequence >= *now {
+            self.missing[topic] += sequence - *now;
+            *now = sequence + 1;
+        } else {
+            self.missing[topic] += sequence;
+            (*before, *now) = (*now, sequence + 1);
         }
     }
 
@@ -328,5 +323,35 @@ impl Taken {
             self.has_complained = true;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn missing(sequences: &[u64]) -> u64 {
+        let mut together = Together::default();
+        for sequence in sequences {
+            together.count(0, *sequence);
+        }
+        together.missing[0]
+    }
+
+    #[test]
+    fn what_is_missing_is_counted_by_sender() {
+        assert_eq!(missing(&[0, 1, 2, 3]), 0);
+        assert_eq!(missing(&[0, 1, 5, 6]), 3, "a gap");
+        assert_eq!(missing(&[0, 1, 2, 0, 1]), 0, "another sender");
+        assert_eq!(
+            missing(&[7, 8, 9, 0, 1, 10, 2, 11]),
+            7,
+            "last words come late"
+        );
+        assert_eq!(
+            missing(&[0, 1, 2, 3, 2, 3]),
+            2,
+            "another sender's first two are missing"
+        );
     }
 }
