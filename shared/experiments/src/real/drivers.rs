@@ -78,18 +78,23 @@ pub fn read_drivers(folder: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
         folder.display()
     );
     let mut drivers = Drivers::default();
+    // Results are read elsewhere: they name files, not where these lay.
+    let place = format!("{}/", folder.display());
     for file in files {
         let stem = file
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         match Scenario::read(&file) {
-            Err(error) => drivers.left_out.push((stem, error.to_string())),
+            Err(error) => {
+                let reason = error.to_string().replace(&place, "");
+                drivers.left_out.push((stem, reason));
+            }
             Ok(scenario) => {
                 for obstacle in scenario.obstacles.iter().filter(|o| o.moving) {
                     let name = format!("{stem}:{}", obstacle.id);
                     match drive(&scenario, obstacle.id, &obstacle.kind, rule) {
                         Ok(round) => drivers.kept.push(Driver { name, round }),
-                        Err(reason) => drivers.left_out.push((name, reason)),
+                        Err(reason) => drivers.left_out.push((name, reason.replace(&place, ""))),
                     }
                 }
             }
