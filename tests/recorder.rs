@@ -166,7 +166,8 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
     );
     assert_eq!(found.run_id, Some(77));
     assert_eq!(first, (0..first.len() as u64).collect::<Vec<_>>());
-    assert!(first.len() > 100 && (first.len() as u64) < killed_at);
+    // The chunk that was being filled may have been just begun.
+    assert!(first.len() > 100 && (first.len() as u64) <= killed_at);
 
     // The world does not wait for recorders.
     let gap_end = set.step + 40;
