@@ -5,59 +5,26 @@
 //! installs them into from PyPI. Where none of these works, it says so and passes.
 
 mod common;
+mod python;
 
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
 use messages::Message;
+use python::python_with_iceoryx2;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::OnceLock;
 
-const PACKAGES: [&str; 2] = ["iceoryx2==0.10.*", "numpy>=1.23"];
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/python");
 /// Plans that take a few milliseconds.
 const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
 
 /// The command that starts the example, or `None` where there is no Python for it.
 fn human_model() -> Option<String> {
-    let Some(python) = python() else {
+    let Some(python) = python_with_iceoryx2() else {
         eprintln!("skipped: no Python into which iceoryx2 and numpy could be installed");
         return None;
     };
     Some(format!("{} {EXAMPLE}/human_model.py", python.display()))
-}
-
-fn python() -> Option<&'static PathBuf> {
-    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
-    FOUND.get_or_init(find_python).as_ref()
-}
-
-fn find_python() -> Option<PathBuf> {
-    let given = std::env::var_os("MIRROR_PYTHON").map(PathBuf::from);
-    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-iceoryx2");
-    let inside = made.join("bin/python3");
-    let candidates = [given, Some(PathBuf::from("python3")), Some(inside.clone())];
-    if let Some(python) = candidates.into_iter().flatten().find(|p| can_join(p)) {
-        return Some(python);
-    }
-    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
-    let installed = done(Command::new("python3").args(["-m", "venv"]).arg(&made))
-        && done(
-            Command::new(&inside)
-                .args(["-m", "pip", "install", "--quiet", "--timeout", "20"])
-                .args(PACKAGES),
-        );
-    (installed && can_join(&inside)).then_some(inside)
-}
-
-fn can_join(python: &Path) -> bool {
-    Command::new(python)
-        .args([
-            "-c",
-            "import iceoryx2, numpy; iceoryx2.AttributeVerifier.new()",
-        ])
-        .output()
-        .is_ok_and(|output| output.status.success())
 }
 
 fn no_message_lost(summary: &Value) {

@@ -219,12 +219,12 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
         eprintln!("skipped: no Python into which mcap could be installed");
         return;
     };
-    let found = python_counts(&python, &file);
+    let found = python_counts(python, &file);
     let theirs = found["counts"]["/world/lidar"].as_u64().unwrap();
     // A chunk that was cut is ours alone to open.
     assert!(theirs > 100 && theirs <= first.len() as u64, "{found}");
     assert_eq!(
-        python_counts(&python, &second)["counts"]["/world/lidar"],
+        python_counts(python, &second)["counts"]["/world/lidar"],
         later.len()
     );
 }

@@ -1,32 +1,44 @@
-//! A Python that reads recordings: `MIRROR_PYTHON`, `python3`, or an environment made for the tests.
+//! A Python with what a test needs of it: `MIRROR_PYTHON`, `python3`, or an environment made for the tests, into which
+//! the packages are installed from PyPI.
+#![allow(dead_code)] // Each test program uses its own part.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
-const PACKAGES: [&str; 2] = ["mcap>=1.2", "mcap-ros2-support>=0.5"];
+/// One that reads recordings; none where no such Python can be had.
+pub fn python() -> Option<&'static PathBuf> {
+    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
+    let packages = ["mcap>=1.2", "mcap-ros2-support>=0.5"];
+    let find = || find("python", &packages, "import mcap.reader, mcap_ros2.decoder");
+    FOUND.get_or_init(find).as_ref()
+}
 
-/// Its path; none where no such Python can be had.
-pub fn python() -> Option<PathBuf> {
+/// One that can be a process of a set; none where no such Python can be had.
+pub fn python_with_iceoryx2() -> Option<&'static PathBuf> {
+    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
+    let packages = ["iceoryx2==0.10.*", "numpy>=1.23"];
+    let needs = "import iceoryx2, numpy; iceoryx2.AttributeVerifier.new()";
+    FOUND
+        .get_or_init(|| find("python-iceoryx2", &packages, needs))
+        .as_ref()
+}
+
+fn find(environment: &str, packages: &[&str], needs: &str) -> Option<PathBuf> {
+    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
+    let serves = |python: &Path| done(Command::new(python).args(["-c", needs]));
     let given = std::env::var_os("MIRROR_PYTHON").map(PathBuf::from);
-    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python");
+    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join(environment);
     let inside = made.join("bin/python3");
     let candidates = [given, Some(PathBuf::from("python3")), Some(inside.clone())];
-    if let Some(python) = candidates.into_iter().flatten().find(|p| can_read(p)) {
+    if let Some(python) = candidates.into_iter().flatten().find(|p| serves(p)) {
         return Some(python);
     }
-    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
     let installed = done(Command::new("python3").args(["-m", "venv"]).arg(&made))
         && done(
             Command::new(&inside)
                 .args(["-m", "pip", "install", "--quiet", "--timeout", "20"])
-                .args(PACKAGES),
+                .args(packages),
         );
-    (installed && can_read(&inside)).then_some(inside)
-}
-
-fn can_read(python: &Path) -> bool {
-    Command::new(python)
-        .args(["-c", "import mcap.reader, mcap_ros2.decoder"])
-        .output()
-        .is_ok_and(|output| output.status.success())
+    (installed && serves(&inside)).then_some(inside)
 }
