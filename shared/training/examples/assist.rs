@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             )?;
             println!(
                 "  {name}: loss {:.3} from {:.3}, limits {:.2?}, {:.2} s",
-                learned.last_loss(),
+                learned.loss,
                 learned.losses[0],
                 learned.implants.limits(),
                 start.elapsed().as_secs_f32()

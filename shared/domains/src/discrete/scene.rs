@@ -57,11 +57,11 @@ table! {
         /// Steps that each decision holds for.
         repeat: u32 = 1, 1, 100;
         /// Imagined futures.
-        samples: u32 = 1000, 2, 100_000;
+        samples: u32 = 500, 2, 100_000;
         /// Iterations of the cross-entropy method.
-        iterations: u32 = 3, 1, 100;
+        iterations: u32 = 6, 1, 100;
         /// Futures that the next iteration learns from.
-        elites: u32 = 200, 1, 100_000;
+        elites: u32 = 100, 1, 100_000;
         /// Share of the elites' frequencies in the next probabilities.
         smoothing: f64 = 0.8, 0.0, 1.0;
         /// Probability of every bit before the first iteration.

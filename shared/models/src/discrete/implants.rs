@@ -2,8 +2,9 @@
 //! appendix, "MIRROR Implants").
 //!
 //! *Perceptual implant*: the limits of [`Perceiver`]. *Policy implant*: a residual δ(z^H) on the logits of the categorical policy,
-//! p̂ = softmax(Q/temperature + δ(z^H)), where δ = c · tanh(a small network): bounded, because a person who is told something is in a
-//! state that no round without an assistant shows, and there an unbounded network shouts down what the robot knows.
+//! p̂ = softmax(Q/temperature + δ(z^H)), where δ = c · tanh(a small network / c): bounded, because a person who is told something is in
+//! a state that no round without an assistant shows, and there an unbounded network shouts down what the robot knows; but not so
+//! tightly that a habit of theirs, such as keeping to the right, has to be explained by what they see.
 
 use super::perception::Perceiver;
 use super::self_model::DiscreteModel;
@@ -15,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 pub const RESIDUAL_HIDDEN: usize = 16;
 
 /// c: the most that the policy implant moves a logit by.
-pub const RESIDUAL_BOUND: f32 = 1.5;
+pub const RESIDUAL_BOUND: f32 = 3.0;
 
 /// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
 #[derive(Clone, Debug)]
@@ -43,6 +44,11 @@ impl Attached {
     /// The parameters that may move.
     pub fn ids(&self) -> &[ParamId] {
         &self.ids
+    }
+
+    /// Of these, the residual's.
+    pub fn residual_ids(&self) -> &[ParamId] {
+        &self.ids[1..]
     }
 }
 
@@ -150,7 +156,7 @@ impl Implants {
         residual.infer(&self.parameters, z, scratch, delta);
         let log = distribution.log_probability.data_mut();
         for (log, delta) in log.iter_mut().zip(delta.data()) {
-            *log += RESIDUAL_BOUND * delta.tanh();
+            *log += RESIDUAL_BOUND * (delta / RESIDUAL_BOUND).tanh();
         }
         nn::log_softmax_in_place(&mut distribution.log_probability);
     }
@@ -205,20 +211,16 @@ pub fn seen_on_tape(
     }
 }
 
-/// Logits of the person's action at `z`, `actions × batch`, and δ.
-pub fn policy_on_tape(
-    tape: &mut Tape,
-    model: &DiscreteModel,
-    attached: &Attached,
-    z: Var,
-) -> (Var, Option<Var>) {
+/// Logits of the person's action at `z`, `actions × batch`.
+pub fn policy_on_tape(tape: &mut Tape, model: &DiscreteModel, attached: &Attached, z: Var) -> Var {
     let q = tape.mlp(&model.q, z);
     let logits = tape.scale(q, 1.0 / model.sizes.temperature);
     let Some(residual) = &attached.residual else {
-        return (logits, None);
+        return logits;
     };
     let delta = tape.mlp(residual, z);
+    let delta = tape.scale(delta, 1.0 / RESIDUAL_BOUND);
     let delta = tape.tanh(delta);
     let delta = tape.scale(delta, RESIDUAL_BOUND);
-    (tape.add(logits, delta), Some(delta))
+    tape.add(logits, delta)
 }

@@ -37,6 +37,19 @@ impl Perceiver {
         }
     }
 
+    /// Limits that are taken to be alike where learning starts, as numbers of groups from 0: a driver's ahead and behind.
+    pub fn group(&self, limit: usize) -> usize {
+        match self.domain {
+            Domain::Driving => limit / 2,
+            Domain::SearchRescue | Domain::BombDefusal => 0,
+        }
+    }
+
+    /// Groups of limits.
+    pub fn groups(&self) -> usize {
+        self.group(self.limits() - 1) + 1
+    }
+
     /// Visual regions.
     pub fn regions(&self) -> usize {
         self.regions

@@ -4,8 +4,10 @@
 //! argmin_χ  − Σ_t E_{z_t ~ q(z_t | x_{1:t}, a_{1:t−1}, χ)} [log π(a_t | z_t)]  −  λ log p(χ)
 //! ```
 //!
-//! Only χ moves. Whole rounds are followed through the perceptual implant and q_φ; for −λ log p(χ) stands a penalty on the
-//! residual's square.
+//! Only χ moves. Whole rounds are followed through the perceptual implant and q_φ. p(χ) is a standard normal of each weight of the
+//! residual and flat in the limits, and λ is one over the number of steps, so that the loss is −log posterior a step: the prior
+//! holds the network down while rounds are few and yields as they become many. A penalty on the residual's *output* does not: it
+//! taxes a plain habit in every step, until a limit is bent to explain it.
 
 use super::rounds::Rounds;
 use crate::SHARDS;
@@ -15,6 +17,8 @@ use models::discrete::{
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
 use thiserror::Error;
 
 /// Settings.
@@ -24,10 +28,10 @@ pub struct Settings {
     pub learning_rate: f32,
     /// Steps of Adam.
     pub iterations: usize,
-    /// λ: penalty on the mean square of δ.
-    pub residual_penalty: f32,
-    /// Learning starts with every limit at each of these shares of the largest, and the best fit is kept: a limit that
-    /// nothing ever crosses feels no slope.
+    /// Precision of the normal prior on the residual's weights.
+    pub residual_precision: f32,
+    /// Learning starts with each group of limits ([`Perceiver::group`]) at each of these shares of the largest, and the most
+    /// probable outcome is kept: a limit that nothing ever crosses feels no slope.
     pub starts: [f32; 3],
     /// Each round is followed at least so many times at once, with different noise.
     pub least_columns: usize,
@@ -40,7 +44,7 @@ impl Default for Settings {
         Self {
             learning_rate: 0.1,
             iterations: 80,
-            residual_penalty: 0.1,
+            residual_precision: 1.0,
             starts: [0.1, 0.4, 0.9],
             least_columns: 16,
             seed: 0,
@@ -60,20 +64,14 @@ pub struct Learned {
     pub implants: Implants,
     /// The loss at every iteration.
     pub losses: Vec<f32>,
+    /// The loss of what was learned, under noise that every start is compared by.
+    pub loss: f32,
     /// Names of the self-model's parameters that changed by a single bit: none, or there is a bug.
     pub frozen_moved: Vec<String>,
 }
 
-impl Learned {
-    /// Mean loss of the last fifth of the iterations, which differ in little but the noise.
-    pub fn last_loss(&self) -> f32 {
-        let n = self.losses.len();
-        let last = &self.losses[n - (n / 5).max(1).min(n)..];
-        last.iter().sum::<f32>() / last.len().max(1) as f32
-    }
-}
-
 /// A part of the rounds; tensors are `features × (steps · columns)`, step after step.
+#[derive(Clone, Debug)]
 pub struct Followed {
     /// Steps of the longest round.
     pub steps: usize,
@@ -95,6 +93,8 @@ pub struct Followed {
     pub chance: Tensor,
     /// Utterances that are heard.
     pub heard: u32,
+    /// Steps of all rounds, each counted once.
+    pub steps_lived: f32,
 }
 
 /// Lays rounds side by side, in shards of equal work.
@@ -124,6 +124,7 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
                 noise: Tensor::new(model.sizes.latent, all),
                 chance: Tensor::new(perceiver.noise_rows(), all),
                 heard: rounds.heard,
+                steps_lived: rounds.steps() as f32,
             };
             for (j, round) in part.iter().enumerate() {
                 for t in 0..round.len() {
@@ -146,7 +147,8 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
 }
 
 /// Learns the implants of one person, with the policy implant (`mirror`) or without (`mirror-p`), from each of the starts, and
-/// keeps the best. `progress` hears of each iteration over all starts and its loss.
+/// keeps the most probable. `progress` hears of iterations over all starts and a loss. The starts are learned from on as many
+/// threads as there are cores; the result does not depend on their number.
 ///
 /// # Errors
 /// If the rounds are empty.
@@ -157,116 +159,157 @@ pub fn learn(
     settings: &Settings,
     progress: &mut dyn FnMut(usize, f32),
 ) -> Result<Learned, NothingToLearn> {
-    let mut best: Option<Learned> = None;
-    for (s, start) in settings.starts.into_iter().enumerate() {
-        let before = s * settings.iterations;
-        let learned = learn_from(
-            model,
-            with_policy,
-            start,
-            rounds,
-            settings,
-            &mut |i, loss| {
-                progress(before + i, loss);
-            },
-        )?;
-        if best
-            .as_ref()
-            .is_none_or(|best| learned.last_loss() < best.last_loss())
-        {
-            best = Some(learned);
-        }
-    }
-    best.ok_or(NothingToLearn)
-}
-
-/// One start of [`learn`].
-fn learn_from(
-    model: &DiscreteModel,
-    with_policy: bool,
-    start: f32,
-    rounds: &Rounds,
-    settings: &Settings,
-    progress: &mut dyn FnMut(usize, f32),
-) -> Result<Learned, NothingToLearn> {
-    let mut shards = follow(model, rounds, settings);
+    let shards = follow(model, rounds, settings);
     if shards.is_empty() {
         return Err(NothingToLearn);
     }
+    let starts = starts(&Perceiver::new(&model.layout), &settings.starts);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let next = AtomicUsize::new(0);
+    let (sender, receiver) = mpsc::channel();
+    let mut learned: Vec<Option<Learned>> = starts.iter().map(|_| None).collect();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(starts.len()))
+            .map(|_| {
+                let (starts, shards, next, sender) = (&starts, &shards, &next, sender.clone());
+                scope.spawn(move || {
+                    let mut own = Vec::new();
+                    loop {
+                        let s = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(start) = starts.get(s) else {
+                            return own;
+                        };
+                        let mut tell = |loss| {
+                            // Nobody may be listening any more.
+                            let _ = sender.send(loss);
+                        };
+                        let learned =
+                            learn_from(model, with_policy, start, shards, settings, &mut tell);
+                        own.push((s, learned));
+                    }
+                })
+            })
+            .collect();
+        drop(sender);
+        for (done, loss) in receiver.iter().enumerate() {
+            progress(done + 1, loss);
+        }
+        for worker in workers {
+            match worker.join() {
+                Ok(own) => own.into_iter().for_each(|(s, l)| learned[s] = Some(l)),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+    });
+    learned
+        .into_iter()
+        .flatten()
+        .min_by(|a, b| a.loss.total_cmp(&b.loss))
+        .ok_or(NothingToLearn)
+}
+
+/// Where learning starts: every combination of shares over the groups of limits, each as limits.
+fn starts(perceiver: &Perceiver, shares: &[f32]) -> Vec<Vec<f32>> {
+    let groups = perceiver.groups();
+    let combinations = shares.len().pow(groups as u32);
+    (0..combinations)
+        .map(|combination| {
+            let share = |limit: usize| {
+                let place = shares.len().pow(perceiver.group(limit) as u32);
+                shares[combination / place % shares.len()]
+            };
+            let limits = 0..perceiver.limits();
+            limits.map(|k| share(k) * perceiver.largest()).collect()
+        })
+        .collect()
+}
+
+/// Learns from one start.
+fn learn_from(
+    model: &DiscreteModel,
+    with_policy: bool,
+    start: &[f32],
+    shards: &[Followed],
+    settings: &Settings,
+    tell: &mut dyn FnMut(f32),
+) -> Learned {
+    let mut shards = shards.to_vec();
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut implants = Implants::new(model, with_policy, &mut rng);
-    let perceiver = implants.perceiver;
-    implants.set_limits(&vec![start * perceiver.largest(); perceiver.limits()]);
+    implants.set_limits(start);
     let mut parameters = model.parameters.clone();
     let attached = implants.attach(&mut parameters);
-    let mut arenas: Vec<Arena> = shards.iter().map(|_| Arena::default()).collect();
-    let mut gradients: Vec<Gradients> = shards
-        .iter()
-        .map(|_| Gradients::for_params(&parameters))
-        .collect();
+    let mut arena = Arena::default();
+    let mut gradients = Gradients::for_params(&parameters);
     let counted = |shard: &Followed| shard.weight.data().iter().sum::<f32>();
     let total: f32 = shards.iter().map(counted).sum();
     let mut adam = Adam::new(&parameters, attached.ids().to_vec(), settings.learning_rate);
     let mut losses = Vec::with_capacity(settings.iterations);
-    for iteration in 0..settings.iterations {
+    // The loss under fresh noise, and its gradients.
+    let mut step = |parameters: &Parameters, gradients: &mut Gradients, draw: usize| {
+        gradients.zero_only(attached.ids());
+        let mut sum = 0.0;
         for (s, shard) in shards.iter_mut().enumerate() {
-            let stream = (iteration * SHARDS + s) as u64 * 2;
+            let stream = (draw * SHARDS + s) as u64 * 2;
             noise::fill(shard.noise.data_mut(), settings.seed, stream);
             noise::fill(shard.chance.data_mut(), settings.seed, stream + 1);
-        }
-        let mut loss = 0.0;
-        let one = |shard: &Followed, arena: &mut Arena, gradients: &mut Gradients| {
-            gradients.zero_only(attached.ids());
-            let mut tape = Tape::new(&parameters, arena);
-            let loss = negative_log_likelihood(&mut tape, model, &attached, shard, settings);
-            let loss = tape.scale(loss, counted(shard) / total);
+            let share = counted(shard) / total;
+            let mut tape = Tape::new(parameters, &mut arena);
+            let loss = negative_log_posterior(&mut tape, model, &attached, shard, settings);
+            let loss = tape.scale(loss, share);
             tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
-            tape.scalar(loss)
-        };
-        std::thread::scope(|scope| {
-            let mut jobs = shards.iter().zip(&mut arenas).zip(&mut gradients);
-            let own = jobs.next();
-            let one = &one;
-            let others: Vec<_> = jobs
-                .map(|((shard, arena), gradients)| {
-                    scope.spawn(move || one(shard, arena, gradients))
-                })
-                .collect();
-            if let Some(((shard, arena), gradients)) = own {
-                loss += one(shard, arena, gradients);
-            }
-            for job in others {
-                match job.join() {
-                    Ok(value) => loss += value,
-                    Err(panic) => std::panic::resume_unwind(panic),
-                }
-            }
-        });
-        let (first, rest) = gradients.split_at_mut(1);
-        for other in rest {
-            first[0].add_only(other, attached.ids());
+            sum += tape.scalar(loss);
         }
+        sum
+    };
+    for iteration in 0..settings.iterations {
+        let loss = step(&parameters, &mut gradients, iteration);
         let left = 1.0 - iteration as f32 / settings.iterations as f32;
         adam.learning_rate = settings.learning_rate * left;
-        adam.step(&mut parameters, &first[0]);
+        adam.step(&mut parameters, &gradients);
         losses.push(loss);
-        progress(iteration + 1, loss);
+        tell(loss);
     }
+    let draws = settings.iterations..settings.iterations + COMPARED;
+    let compared: f32 = draws.map(|d| step(&parameters, &mut gradients, d)).sum();
     implants.detach(&parameters, &attached);
-    Ok(Learned {
+    Learned {
         implants,
         losses,
+        loss: compared / COMPARED as f32,
         frozen_moved: moved(model, &parameters),
-    })
+    }
 }
 
-/// Equation 5's loss over one shard, averaged over the steps that count, with the residual's penalty.
-pub fn negative_log_likelihood(
+/// Draws of noise that starts are compared by.
+const COMPARED: usize = 8;
+
+/// Equation 5's loss over one shard, averaged over the steps that count: −log posterior a step.
+pub fn negative_log_posterior(
     tape: &mut Tape,
     model: &DiscreteModel,
     attached: &Attached,
     shard: &Followed,
     settings: &Settings,
+) -> Var {
+    let mut loss = negative_log_likelihood(tape, model, attached, shard);
+    for &id in attached.residual_ids() {
+        let weights = tape.param(id);
+        let squared = tape.square(weights);
+        let squared = tape.sum(squared);
+        let precision = settings.residual_precision / (2.0 * shard.steps_lived);
+        let prior = tape.scale(squared, precision);
+        loss = tape.add(loss, prior);
+    }
+    loss
+}
+
+/// −log likelihood of what the person did, averaged over the steps that count.
+pub fn negative_log_likelihood(
+    tape: &mut Tape,
+    model: &DiscreteModel,
+    attached: &Attached,
+    shard: &Followed,
 ) -> Var {
     let perceiver = Perceiver::new(&model.layout);
     let seen = seen_on_tape(tape, attached, &perceiver, &shard.visual, &shard.chance);
@@ -289,21 +332,13 @@ pub fn negative_log_likelihood(
         samples.push(tape.gaussian_sample(mean, deviation, noise));
     }
     let z = tape.join(&samples);
-    let (logits, delta) = policy_on_tape(tape, model, attached, z);
+    let logits = policy_on_tape(tape, model, attached, z);
     let weight = tape.input(&shard.weight);
     let counted = shard.weight.data().iter().sum::<f32>().max(1.0);
     let nll = tape.categorical_nll(logits, &shard.taken);
     let nll = tape.mul(nll, weight);
     let nll = tape.sum(nll);
-    let loss = tape.scale(nll, 1.0 / counted);
-    let Some(delta) = delta else { return loss };
-    let squared = tape.square(delta);
-    let squared = tape.sum_rows(squared);
-    let squared = tape.mul(squared, weight);
-    let sum = tape.sum(squared);
-    let actions = model.sizes.shape.action as f32;
-    let penalty = tape.scale(sum, settings.residual_penalty / (counted * actions));
-    tape.add(loss, penalty)
+    tape.scale(nll, 1.0 / counted)
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.
