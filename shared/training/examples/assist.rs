@@ -1,7 +1,7 @@
 //! Learns implants of simulated people in a gridworld and lets assistants help them: `cargo run --release -p training --example assist --
 //! MODEL driving|search_rescue|bomb_defusal [PEOPLE] [ROUNDS] [KIND…]`. Prints learned against true limits, and rewards.
 
-use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, Words, World};
+use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, World};
 use models::HumanModel;
 use models::discrete::{DiscreteHuman, DiscreteModel};
 use planning::DiscreteAssistant;
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let domain = arguments.get(1).and_then(|name| Domain::from_name(name));
     let domain = domain.ok_or(USAGE)?;
     let scene = Scene::of(domain, Setting::Transfer);
-    let words = Words::indicator(scene.sentences().len());
+    let words = models::words::shipped(domain)?;
     let mut world = World::new(&scene, &words)?;
     let layout = Arc::new(world.layout().clone());
     let model = Arc::new(DiscreteModel::load(arguments[0].as_ref(), layout)?);

@@ -2,7 +2,7 @@
 //! paper's sizes, and images with words. The fixtures and the script that makes them are in `tools/` (`make_discrete_fixtures.py`).
 
 use domains::discrete::{Discrete, Domain, Scene, Setting, Words, World};
-use models::discrete::{Batch, DiscreteModel, Sizes};
+use models::discrete::{Batch, DiscreteModel, ImageSizes, Sizes};
 use nn::checkpoint::{self, Checkpoint};
 use nn::{Arena, Gradients, Tape, Tensor};
 use rand::SeedableRng;
@@ -44,6 +44,10 @@ fn check(domain: Domain, name: &str) {
         encoder_hidden: number(&file, "encoder_hidden"),
         decoder_hidden: number(&file, "decoder_hidden"),
         q_hidden: number(&file, "q_hidden"),
+        image: Sizes::of(&layout).image.map(|image| ImageSizes {
+            patterns: file.tensor("weight.draw.weight").unwrap().cols(),
+            ..image
+        }),
         ..Sizes::of(&layout)
     };
     if domain == Domain::Driving {

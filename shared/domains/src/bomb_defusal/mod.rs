@@ -77,7 +77,8 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
             channels: 1,
             height: HEIGHT,
             width: WIDTH,
-            kernel: 3,
+            // As in search and rescue, a window is as large as what there is to be recognised: a terminal.
+            kernel: TERMINAL_SIZE,
             stride: 2,
         }),
         visual_region,

@@ -75,7 +75,7 @@ impl DiscreteModel {
         let others = shape.visual - sizes.image_numbers();
         let map = sizes
             .image
-            .map_or(0, |image| image.channels * image.windows().positions());
+            .map_or(0, |image| image.patterns * image.windows().positions());
         let visual = net(&mut p, "visual", [latent, d, d, map + others]);
         let verbal = net(&mut p, "verbal", [latent, d, d, shape.verbal]);
         let reward = net(&mut p, "reward", [latent, d, d, 1]);
@@ -84,7 +84,7 @@ impl DiscreteModel {
         let reader = Reader::new(&sizes, &view, &mut p, rng);
         let draw = sizes
             .image
-            .map(|image| Deconv::new(&mut p, "draw", image.windows(), image.channels, rng));
+            .map(|image| Deconv::new(&mut p, "draw", image.windows(), image.patterns, rng));
         Self {
             sizes,
             layout,

@@ -20,6 +20,9 @@ pub struct ImageSizes {
     pub stride: usize,
     /// Channels of the convolution: the paper's 4.
     pub channels: usize,
+    /// Channels from which the image is drawn. The paper names none; a window of the image is a sum of so many patterns, so
+    /// that with the encoder's 4 nothing but the house's walls could be drawn, and no victim, obstacle or terminal.
+    pub patterns: usize,
     /// Neurons of the dense layers behind the convolution: the paper's 48, bomb defusal's 64.
     pub hidden: usize,
     /// Numbers that image and words are each reduced to: the paper's 16.
@@ -95,6 +98,7 @@ impl Sizes {
             kernel: image.kernel,
             stride: image.stride,
             channels: 4,
+            patterns: 16,
             hidden: 48,
             features: 16,
         });
@@ -125,6 +129,7 @@ impl Sizes {
             },
             Domain::BombDefusal => Self {
                 image: image.map(|image| ImageSizes {
+                    patterns: 9,
                     hidden: 64,
                     ..image
                 }),

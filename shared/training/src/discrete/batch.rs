@@ -35,6 +35,8 @@ pub struct Shard {
     pub batch: Batch,
     /// Action taken after each observation, one per column; [`NO_ACTION`] at the end.
     pub taken: Vec<u8>,
+    /// What the expert would do after each observation, in sequences that perceive all that it does; else [`NO_ACTION`].
+    pub expert: Vec<u8>,
     /// 1 where the observation has no future.
     pub terminal: Vec<f32>,
 }
@@ -59,6 +61,7 @@ impl Drawing {
                 Shard {
                     batch: Batch::new(model, length, columns),
                     taken: vec![NO_ACTION; length * columns],
+                    expert: vec![NO_ACTION; length * columns],
                     terminal: vec![0.0; length * columns],
                 }
             })
@@ -103,12 +106,13 @@ impl Drawing {
         let episode = &episodes[rng.random_range(0..episodes.len())];
         let shape = model.sizes.shape;
         let (steps, columns) = (self.shards[s].batch.steps, self.shards[s].batch.columns);
-        // Half of the sequences begin where rounds do: that is where every belief begins.
+        // A third of the sequences begin where rounds do, for that is where every belief begins, and a third end where rounds do:
+        // that is where most of the reward is, and the steps before it are what leads there.
         let latest = episode.len().saturating_sub(steps.min(episode.len()));
-        let start = if rng.random::<bool>() {
-            0
-        } else {
-            rng.random_range(0..=latest)
+        let start = match rng.random_range(0..3) {
+            0 => 0,
+            1 => latest,
+            _ => rng.random_range(0..=latest),
         };
         let way = match rng.random_range(0..4) {
             0 => Way::Everything,
@@ -143,6 +147,7 @@ impl Drawing {
                     tensor.column_mut(at).fill(0.0);
                 }
                 shard.taken[at] = NO_ACTION;
+                shard.expert[at] = NO_ACTION;
                 shard.terminal[at] = 0.0;
                 continue;
             }
@@ -176,6 +181,10 @@ impl Drawing {
             }
             batch.reward.data_mut()[at] = episode.reward[from];
             batch.weight.data_mut()[at] = 1.0;
+            shard.expert[at] = match way {
+                Way::Everything => episode.expert[from],
+                _ => NO_ACTION,
+            };
             let last = from + 1 == episode.len();
             shard.terminal[at] = f32::from(u8::from(last && episode.terminal));
             shard.taken[at] = if last || t + 1 == steps {

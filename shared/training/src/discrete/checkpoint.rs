@@ -1,6 +1,7 @@
 //! Checkpoints of a gridworld's training run: everything needed to continue exactly (DESIGN §5).
 
-use super::dqn::{Settings, Trainer};
+use super::dqn::Trainer;
+use super::settings::Settings;
 use domains::discrete::{Discrete, World};
 use models::checkpoint::ModelFileError;
 use models::discrete::{metadata, model_from};

@@ -5,14 +5,17 @@ mod checkpoint;
 pub mod cloning;
 mod dqn;
 pub mod implants;
+mod losses;
 mod replay;
 mod rollout;
 mod rounds;
+mod settings;
 pub mod sqil;
 
 pub use batch::{Dropout, Shard};
 pub use checkpoint::ResumeError;
-pub use dqn::{Metrics, Settings, Trainer};
+pub use dqn::{Metrics, Trainer};
 pub use replay::{Episode, Replay};
 pub use rollout::{Actor, Lived, Rollout};
 pub use rounds::{Round, Rounds, RoundsError};
+pub use settings::Settings;

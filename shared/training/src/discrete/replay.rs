@@ -13,6 +13,8 @@ pub struct Episode {
     pub action: Vec<u8>,
     /// r_t; the first is 0.
     pub reward: Vec<f32>,
+    /// What the expert would do at each observation, whoever acted; [`NO_ACTION`] at the last.
+    pub expert: Vec<u8>,
     /// Whether the last state has no future (and not merely no more time).
     pub terminal: bool,
 }
@@ -37,6 +39,7 @@ impl Episode {
         self.verbal.clear();
         self.action.clear();
         self.reward.clear();
+        self.expert.clear();
         self.terminal = false;
     }
 }
@@ -87,13 +90,15 @@ impl Replay {
         }
     }
 
-    /// Everything as bytes, little-endian: per round its length, whether it is terminal, actions, rewards, observations.
+    /// Everything as bytes, little-endian: per round its length, whether it is terminal, actions, the expert's actions,
+    /// rewards, observations.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Vec::new();
         for episode in &self.episodes {
             out.extend_from_slice(&(episode.len() as u32).to_le_bytes());
             out.push(u8::from(episode.terminal));
             out.extend_from_slice(&episode.action);
+            out.extend_from_slice(&episode.expert);
             for numbers in [&episode.reward, &episode.visual, &episode.verbal] {
                 for x in numbers {
                     out.extend_from_slice(&x.to_le_bytes());
@@ -124,6 +129,7 @@ impl Replay {
                 return None;
             }
             let action = take(length)?.to_vec();
+            let expert = take(length)?.to_vec();
             let reward = floats(take(4 * length)?);
             let visual = floats(take(4 * length * self.visual)?);
             let verbal = floats(take(4 * length * self.verbal)?);
@@ -133,6 +139,7 @@ impl Replay {
                 verbal,
                 action,
                 reward,
+                expert,
                 terminal,
             });
         }

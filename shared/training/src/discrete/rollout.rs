@@ -98,10 +98,13 @@ impl Rollout {
             self.episode.action.push(taken);
             self.episode.reward.push(reward);
             if !world.end().is_running() {
+                self.episode.expert.push(NO_ACTION);
                 break;
             }
+            let expert = world.expert();
+            self.episode.expert.push(expert as u8);
             let choice = match actor {
-                Actor::Expert => world.expert(),
+                Actor::Expert => expert,
                 Actor::Greedy { explore, limited } => {
                     let mask = if limited {
                         noise::fill(&mut self.chance, rng.random(), 0);
