@@ -26,7 +26,7 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Measure where the time goes in a set of processes: one started for this, or one that runs
     Profile(ProfileArguments),
-    /// Record rounds that a simulated person drives without communication
+    /// Record rounds that a simulated person lives without communication
     Demos(DemosArguments),
     /// Learn a model
     #[command(subcommand)]
@@ -244,7 +244,8 @@ pub struct ProcessArguments {
 /// What to learn.
 #[derive(Debug, Subcommand)]
 pub enum Train {
-    /// Learn the robot's self-model by driving, from nothing (about a quarter of an hour on two cores)
+    /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway, minutes
+    /// for a gridworld)
     #[command(name = "self")]
     Myself(TrainSelfArguments),
     /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is (seconds)
@@ -256,14 +257,34 @@ pub enum Train {
 pub enum Domain {
     /// Driving on a highway
     Highway,
+    /// Driving in a gridworld
+    Driving,
+    /// Search and rescue in a gridworld
+    #[value(name = "search_rescue")]
+    SearchRescue,
+    /// Bomb defusal
+    #[value(name = "bomb_defusal")]
+    BombDefusal,
+}
+
+impl Domain {
+    /// The gridworld that it is; none for the highway.
+    pub fn gridworld(self) -> Option<domains::discrete::Domain> {
+        match self {
+            Self::Highway => None,
+            Self::Driving => Some(domains::discrete::Domain::Driving),
+            Self::SearchRescue => Some(domains::discrete::Domain::SearchRescue),
+            Self::BombDefusal => Some(domains::discrete::Domain::BombDefusal),
+        }
+    }
 }
 
 /// What the person could see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Setting {
-    /// Clear weather (highway-clear)
+    /// Clear weather, clear air, the robot's own rules
     Original,
-    /// Fog (highway-fog)
+    /// Fog, smoke, newer rules
     Transfer,
 }
 
@@ -273,13 +294,13 @@ pub struct DemosArguments {
     /// The domain
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
-    /// The simulated person: 1 to 21, or a person's file
+    /// The simulated person: 1 to 21 on the highway, 1 to 10 in a gridworld, or a person's file
     #[arg(long, value_name = "ID|FILE.toml")]
     pub person: String,
     /// What the person could see
     #[arg(long, value_enum, default_value_t = Setting::Transfer)]
     pub setting: Setting,
-    /// How many rounds; six show every case once
+    /// How many rounds; six show every case of the highway once, nine every scenario of a gridworld
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
     pub rounds: usize,
     /// Seed of the rounds
@@ -301,7 +322,7 @@ fn rounds(text: &str) -> Result<usize, String> {
 #[derive(Args, Debug)]
 pub struct TrainHumanArguments {
     /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these rounds
-    /// and an expert's in clear weather, by likelihood (`bc`) or by soft-Q imitation (`sqil`)
+    /// (on the highway, and an expert's in clear weather), by likelihood (`bc`) or by soft-Q imitation (`sqil`)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub kind: String,
     /// The domain
@@ -310,6 +331,9 @@ pub struct TrainHumanArguments {
     /// What `mirror demos` recorded
     #[arg(long, value_name = "FILE.safetensors")]
     pub demos: PathBuf,
+    /// In a gridworld, rounds of the same person in the original setting, from which `bc` and `sqil` learn too
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub original: Option<PathBuf>,
     /// Where to write what was learned, for `mirror up --learned`
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
@@ -336,29 +360,118 @@ pub struct TrainSelfArguments {
     /// Episodes in all, those before a --resume included [default: as many as the shipped model had]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub episodes: Option<u32>,
+    /// In a gridworld: phases in all, of some rounds and some gradient steps each [default: as many as the shipped model had]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub phases: Option<u32>,
     /// Continue where an earlier run stopped: the result is the same as if it had not
     #[arg(long)]
     pub resume: bool,
-    /// Write one line of JSON per episode to this file
+    /// Write one line of JSON per episode, or phase, to this file
     #[arg(long, value_name = "FILE.jsonl")]
     pub metrics: Option<PathBuf>,
 }
 
 /// Which study.
 #[derive(Debug, Subcommand)]
+// Read once.
+#[allow(clippy::large_enum_variant)]
 pub enum Evaluate {
+    /// How well models of people in a gridworld predict what they do, against the number of rounds learned from
+    Fit(EvaluateFitArguments),
+    /// What assistants with different models of people in a gridworld earn for them, and how much they say for it
+    Communicate(EvaluateCommunicateArguments),
     /// Collisions and communication on the highway, in clear weather and in fog, with and without an assistant
     Drive(EvaluateDriveArguments),
     /// How well human models predict recorded drivers, against the number of drivers that they learned from
     Real(EvaluateRealArguments),
     /// What was learned of people's sight, against the truth
     Implants(EvaluateImplantsArguments),
+    /// Every study, one after the other, and the time of each
+    All(EvaluateAllArguments),
+}
+
+/// What every study of a gridworld takes.
+#[derive(Args, Debug)]
+pub struct GridworldStudyArguments {
+    /// The gridworld
+    #[arg(long, value_enum)]
+    pub domain: Domain,
+    /// How many of the simulated people
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub people: u32,
+    /// Repetitions with other rounds and other first weights; intervals are over people
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub seeds: u32,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for tables and plots; a study that was stopped goes on from what it finds there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// The file whose section of this study and domain is written [default: RESULTS.md in the folder]
+    #[arg(long, value_name = "FILE.md")]
+    pub results: Option<PathBuf>,
+    /// Three people and fewer of everything else: to see that it runs
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Options of `mirror evaluate fit`.
+#[derive(Args, Debug)]
+pub struct EvaluateFitArguments {
+    /// What every study takes.
+    #[command(flatten)]
+    pub common: GridworldStudyArguments,
+    /// Percentages of 20 rounds to learn from
+    #[arg(long, value_name = "PERCENT,…", value_delimiter = ',', default_value = "20,40,60,80,100", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub fractions: Vec<u32>,
+}
+
+/// Options of `mirror evaluate communicate`.
+#[derive(Args, Debug)]
+pub struct EvaluateCommunicateArguments {
+    /// What every study takes.
+    #[command(flatten)]
+    pub common: GridworldStudyArguments,
+    /// Percentages of 20 rounds that models learn from
+    #[arg(long, value_name = "PERCENT,…", value_delimiter = ',', default_value = "20,100", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub fractions: Vec<u32>,
+    /// Who decides what is communicated: nc (nobody), everything, ideal (imagining the person themselves), or an assistant with the
+    /// human model mirror, mirror-p, bc, sqil or self
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    pub conditions: Vec<String>,
+    /// Rounds a person and condition [default: about 20, every scenario equally often]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub rounds: Option<u32>,
+    /// Futures that every assistant imagines for a plan; `mirror up` takes the scene's 1000
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(20..=100_000))]
+    pub samples: u32,
+}
+
+/// Options of `mirror evaluate all`.
+#[derive(Args, Debug)]
+pub struct EvaluateAllArguments {
+    /// Folder for tables and plots; what was stopped goes on from what it finds there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// The file whose sections are written [default: RESULTS.md in the folder]
+    #[arg(long, value_name = "FILE.md")]
+    pub results: Option<PathBuf>,
+    /// Folder of other self-models than those that ship, under the same names
+    #[arg(long, value_name = "DIR")]
+    pub self_models: Option<PathBuf>,
+    /// The quick form of every study: minutes, to see that it runs
+    #[arg(long)]
+    pub quick: bool,
 }
 
 /// Options of `mirror evaluate drive`.
 #[derive(Args, Debug)]
 pub struct EvaluateDriveArguments {
-    /// The domain
+    /// The domain: only the highway
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
     /// Conditions: clear, silent (NC), everything, or planned with mirror, mirror-p, self, bc, sqil, or matched with mirror-kl; all but
@@ -405,21 +518,33 @@ pub struct EvaluateImplantsArguments {
     /// The domain
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
-    /// How many of the simulated people
-    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=21))]
-    pub people: u32,
-    /// Rounds that the human model learns from
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
-    pub rounds: usize,
-    /// What the people could see
+    /// How many of the simulated people [default: all, 21 on the highway, 10 in a gridworld]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=21))]
+    pub people: Option<u32>,
+    /// Rounds that the human model learns from [default: 6 on the highway, 20 in a gridworld]
+    #[arg(long, value_name = "N", value_parser = rounds)]
+    pub rounds: Option<usize>,
+    /// What the people could see, on the highway; in a gridworld both settings are studied
     #[arg(long, value_enum, default_value_t = Setting::Transfer)]
     pub setting: Setting,
+    /// In a gridworld: repetitions with other rounds and other first weights
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub seeds: u32,
+    /// In a gridworld: the first seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
-    /// Folder for tables and drawings
+    /// Folder for tables and drawings; in a gridworld, a study that was stopped goes on from what it finds there
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// In a gridworld: the file whose section is written [default: RESULTS.md in the folder]
+    #[arg(long, value_name = "FILE.md")]
+    pub results: Option<PathBuf>,
+    /// Three people: to see that it runs
+    #[arg(long)]
+    pub quick: bool,
 }
 
 /// Options of `mirror evaluate real`.

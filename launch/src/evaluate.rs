@@ -1,24 +1,47 @@
 //! `mirror evaluate`: the paper's studies with simulated people, without processes.
 
-use crate::cli::{EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
+use crate::cli::{Domain, Evaluate, EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
 use crate::failure::Failure;
+use crate::gridworld;
 use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
+use crate::{evaluate_all, evaluate_real};
 use anyhow::{Context, Result};
+use experiments::claims::write_study;
 use experiments::drive::{Condition, Study};
 use experiments::drive_report::{ConditionSummary, Report};
 use experiments::implants;
-use experiments::results::write_section;
 use planning::Settings;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+/// `mirror evaluate`.
+pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
+    match study {
+        Evaluate::Fit(arguments) => gridworld::evaluate::fit(arguments),
+        Evaluate::Communicate(arguments) => gridworld::evaluate::communicate(arguments),
+        Evaluate::Drive(arguments) => drive(arguments),
+        Evaluate::Real(arguments) => evaluate_real::real(arguments),
+        Evaluate::Implants(arguments) => match arguments.domain.gridworld() {
+            Some(domain) => gridworld::evaluate::implants(arguments, domain),
+            None => implants(arguments),
+        },
+        Evaluate::All(arguments) => evaluate_all::all(arguments),
+    }
+}
+
 /// `mirror evaluate drive`: collisions and communication under each condition.
-pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
+fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
     let started = Instant::now();
+    if arguments.domain != Domain::Highway {
+        let error = anyhow::anyhow!(
+            "--domain: `drive` is the highway's study; a gridworld's is `communicate`"
+        );
+        return Err(Failure::refused(error));
+    }
     let plan = || -> Result<_> {
         let mut conditions = Vec::new();
         for name in &arguments.conditions {
@@ -79,7 +102,13 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
     };
     let results = results_file(arguments.results.as_deref(), &arguments.out);
     let body = report.section(&results, &arguments.out, &command_line(), &note);
-    write_section(&results, "drive", "Driving on the highway (`drive`)", &body)?;
+    write_study(
+        &results,
+        "drive",
+        "Driving on the highway (`drive`)",
+        &body,
+        &report.claims,
+    )?;
     println!(
         "{0}/drive.csv, drive.json, drive.svg, drive.png; section `drive` of {1}; {2:.0} s",
         arguments.out.display(),
@@ -92,6 +121,9 @@ pub fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
 /// People, and imagined futures, of the quick form: it has to end within minutes on two cores.
 const QUICK_PEOPLE: u32 = 3;
 const QUICK_SAMPLES: usize = 200;
+/// The highway's people, and rounds that implants are learned from: each of the six cases once.
+const PEOPLE: u32 = 21;
+const ROUNDS: usize = 6;
 
 /// Where a study's section is written.
 pub(crate) fn results_file(given: Option<&Path>, out: &Path) -> PathBuf {
@@ -136,7 +168,7 @@ fn print_drive(report: &Report) {
 }
 
 /// `mirror evaluate implants`: what was learned of people's sight against the truth.
-pub fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> {
+fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> {
     let (_, model) =
         inputs::self_model(arguments.self_model.as_deref()).map_err(Failure::refused)?;
     let out: &Path = &arguments.out;
@@ -149,8 +181,14 @@ pub fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failu
     println!(
         "person   seconds   error where cars were (m)   of the middle (m)   error where cars crossed the limit (m)   azimuths"
     );
-    for person in 1..=arguments.people {
-        let report = implants::report(&model, person, arguments.rounds, transfer, &settings)?;
+    let all = match arguments.quick {
+        true => QUICK_PEOPLE,
+        false => PEOPLE,
+    };
+    let people = arguments.people.unwrap_or(all).min(all);
+    for person in 1..=people {
+        let rounds = arguments.rounds.unwrap_or(ROUNDS);
+        let report = implants::report(&model, person, rounds, transfer, &settings)?;
         println!(
             "{person:>6}   {:>7.1}   {:>25.2}   {:>17.2}   {:>38.2}   {:>8}",
             report.seconds,

@@ -3,8 +3,10 @@
 mod cli;
 mod doctor;
 mod evaluate;
+mod evaluate_all;
 mod evaluate_real;
 mod failure;
+mod gridworld;
 mod inputs;
 mod learn;
 mod process;
@@ -16,7 +18,7 @@ mod train_self;
 mod up;
 
 use clap::Parser;
-use cli::{Cli, Command, Evaluate, Train};
+use cli::{Cli, Command, Train};
 use std::process::ExitCode;
 
 #[global_allocator]
@@ -30,9 +32,7 @@ fn main() -> ExitCode {
         Command::Profile(arguments) => profile::profile(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
-        Command::Evaluate(Evaluate::Drive(arguments)) => evaluate::drive(&arguments),
-        Command::Evaluate(Evaluate::Real(arguments)) => evaluate_real::real(&arguments),
-        Command::Evaluate(Evaluate::Implants(arguments)) => evaluate::implants(&arguments),
+        Command::Evaluate(study) => evaluate::evaluate(&study),
         Command::Train(Train::Myself(arguments)) => train_self::train_self(&arguments),
         Command::Train(Train::Human(arguments)) => learn::train_human(&arguments),
         Command::Process(arguments) => process::process(&arguments),

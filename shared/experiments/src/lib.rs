@@ -1,8 +1,10 @@
 //! The paper's studies with simulated people, without processes: many episodes at once, one per core.
 
 pub mod anova;
+pub mod claims;
 pub mod drive;
 pub mod drive_report;
+pub mod gridworld;
 pub mod implants;
 pub mod learned;
 pub mod plot;

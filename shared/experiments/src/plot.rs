@@ -72,8 +72,24 @@ macro_rules! in_both_formats {
 /// # Errors
 /// If a file cannot be written.
 pub fn bars(panels: &[Bars], stem: &Path) -> anyhow::Result<()> {
-    let size = (PANEL.0 * panels.len().max(1) as u32, PANEL.1);
+    let (rows, columns) = rows_and_columns(panels);
+    let size = (width_of(panels) * columns as u32, PANEL.1 * rows as u32);
     in_both_formats!(stem, size, bars_on, panels)
+}
+
+/// A panel's width, in which the names of the most bars have room.
+fn width_of(panels: &[Bars]) -> u32 {
+    let most = panels.iter().map(|panel| panel.bars.len()).max();
+    PANEL.0.max(60 + 60 * most.unwrap_or(0) as u32)
+}
+
+/// Panels that are too wide to stand beside each other stand in two rows.
+fn rows_and_columns(panels: &[Bars]) -> (usize, usize) {
+    let count = panels.len().max(1);
+    match width_of(panels) > 2 * PANEL.0 * 3 / 4 && count > 2 {
+        true => (2, count.div_ceil(2)),
+        false => (1, count),
+    }
 }
 
 /// Draws panels of lines beside each other into `stem.svg` and `stem.png`.
@@ -122,7 +138,7 @@ where
     let text = |e: DrawingAreaErrorKind<B::ErrorType>| e.to_string();
     root.fill(&WHITE).map_err(text)?;
     for (area, panel) in root
-        .split_evenly((1, panels.len().max(1)))
+        .split_evenly(rows_and_columns(panels))
         .iter()
         .zip(panels)
     {

@@ -12,7 +12,7 @@ use std::fmt::Write;
 use std::path::{Component, Path, PathBuf};
 
 /// What became of a claim of the paper's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// It holds here too.
@@ -44,7 +44,7 @@ impl Verdict {
 }
 
 /// A claim of the paper's with our answer.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Claim {
     /// Its letter in the list of claims.
     pub letter: char,

@@ -6,6 +6,7 @@ pub mod cloning;
 mod dqn;
 pub mod implants;
 mod losses;
+pub mod people;
 mod replay;
 mod rollout;
 mod rounds;
