@@ -201,7 +201,7 @@ impl Episode {
         {
             self.verbal_items += 1;
             let sector = SECTOR_NAMES
-                .get(utterance.sector as usize)
+                .get(utterance.item as usize)
                 .copied()
                 .unwrap_or("?");
             self.said.push(Said {

@@ -1,6 +1,6 @@
 //! Turns a LIDAR frame into the robot's belief, without allocating.
 
-use messages::{LidarFrame, RobotBelief};
+use messages::{LidarFrame, RobotBelief, domain};
 use models::observation::{Encoded, read_visual};
 use models::self_model::Decoder;
 use models::{Filter, Observations, SelfModel};
@@ -72,10 +72,14 @@ impl Tracker {
         out.latent = latent as u32;
         out.mean[..latent].copy_from_slice(z.column(0));
         out.deviation[..latent].copy_from_slice(self.filter.deviation.column(0));
-        out.verbal.copy_from_slice(self.decoded.verbal.column(0));
+        let verbal = self.decoded.verbal.column(0);
+        out.verbal[..verbal.len()].copy_from_slice(verbal);
+        out.verbal_len = verbal.len() as u32;
+        out.domain = domain::HIGHWAY;
         out.reward = self.reward.column(0)[0];
         let (decoded, sensed) = (self.decoded.visual.column(0), self.sensed.visual.column(0));
-        read_visual(decoded, &mut out.lidar);
+        read_visual(decoded, &mut out.visual[..decoded.len()]);
+        out.visual_len = decoded.len() as u32;
         let squared = decoded.iter().zip(sensed).map(|(a, b)| (a - b) * (a - b));
         out.surprise = squared.sum::<f32>() / sensed.len() as f32;
     }

@@ -115,7 +115,7 @@ impl Driver {
             .take(display.utterance_count as usize)
         {
             let kind = UtteranceKind::from_number(utterance.kind);
-            let sector = utterance.sector as usize;
+            let sector = utterance.item as usize;
             if let (Some(kind), true) = (kind, sector < SECTORS) {
                 let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
                 self.shown.utterances[sector] = Some(Heard {

@@ -128,7 +128,7 @@ impl Person {
         verbal.fill(0.0);
         let mut heard = 0;
         for utterance in &display.utterances[..spoken] {
-            let sector = utterance.sector as usize;
+            let sector = utterance.item as usize;
             let said = match utterance.kind {
                 0 => Said::Nothing,
                 1 => Said::Slow,
@@ -192,18 +192,21 @@ impl Person {
                     return;
                 };
                 self.rows[group] = rows;
-                let known = (question.action_known != 0).then_some(question.action);
+                let actions = self.action.rows();
+                let known = (question.action_known != 0).then_some(&question.action[..actions]);
                 self.groups.start(
                     &mut *self.model,
                     &start.beliefs,
                     group,
                     rows,
                     question.seed,
-                    known.as_ref().map(|a| &a[..]),
+                    known,
                 )
             }
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
-                self.take_in(question, rows);
+                if !self.take_in(question, rows) {
+                    return;
+                }
                 let communicated = &self.communicated[..rows];
                 self.groups.step(
                     &mut *self.model,
@@ -222,9 +225,7 @@ impl Person {
             _ => return,
         };
         let Ok(actions) = actions else { return };
-        answer.action[..rows]
-            .as_flattened_mut()
-            .copy_from_slice(actions.data());
+        answer.action[..actions.data().len()].copy_from_slice(actions.data());
         answer.status = status::ANSWERED;
     }
 
@@ -243,10 +244,14 @@ impl Person {
             answer.status = status::NO_BELIEF;
             return;
         };
-        self.take_in(question, rows);
-        self.actions.resize_to(question.action.len(), rows);
+        if !self.take_in(question, rows) {
+            return;
+        }
+        let actions = self.action.rows();
+        self.actions.resize_to(actions, rows);
         for j in 0..rows {
-            self.actions.column_mut(j).copy_from_slice(&question.action);
+            let column = self.actions.column_mut(j);
+            column.copy_from_slice(&question.action[..actions]);
         }
         let latent = self.model.latent().min(question.robot_mean.len());
         let moment = Moment {
@@ -268,13 +273,20 @@ impl Person {
         };
     }
 
-    /// Copies what a question's imagined people see and are told.
-    fn take_in(&mut self, question: &ImagineRequest, rows: usize) {
+    /// Copies what a question's imagined people see and are told; false if these are not modalities of ours.
+    fn take_in(&mut self, question: &ImagineRequest, rows: usize) -> bool {
+        let Observations { visual, verbal } = &self.imagined;
+        if (question.visual_width, question.verbal_width)
+            != (visual.rows() as u32, verbal.rows() as u32)
+        {
+            return false;
+        }
         self.imagined.resize(rows);
-        self.imagined
-            .visual
+        let Observations { visual, verbal } = &mut self.imagined;
+        let numbers = visual.data().len();
+        visual
             .data_mut()
-            .copy_from_slice(question.lidar[..rows].as_flattened());
+            .copy_from_slice(&question.visual[..numbers]);
         for (bits, asked) in self
             .communicated
             .iter_mut()
@@ -287,10 +299,11 @@ impl Person {
             .iter()
             .any(|bits| bits.verbal_bits() != 0)
         {
-            self.imagined
-                .verbal
+            let numbers = verbal.data().len();
+            verbal
                 .data_mut()
-                .copy_from_slice(question.verbal[..rows].as_flattened());
+                .copy_from_slice(&question.verbal[..numbers]);
         }
+        true
     }
 }

@@ -64,8 +64,9 @@ fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest>
     let mut question = Box::new(ImagineRequest::ZERO);
     question.header.step = step;
     (question.group, question.phase, question.rows, question.seed) = (group, phase, rows, 77);
+    (question.visual_width, question.verbal_width) = (113, 120);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
-    for value in question.lidar.as_flattened_mut() {
+    for value in &mut question.visual {
         *value = rng.random();
     }
     question
@@ -105,7 +106,7 @@ fn what_is_shown_and_said_reaches_the_person() {
         let mut display = Display::ZERO;
         display.utterance_count = 1;
         let words = &mut display.utterances[0];
-        (words.kind, words.range_m, words.sector) = (kind, range_m, sector);
+        (words.kind, words.range_m, words.item) = (kind, range_m, sector);
         observe(&mut person(), 0, &display, [0.0; 2]).mean
     };
     assert_ne!(nothing, said(2, 30.0, 3));
@@ -214,23 +215,19 @@ fn an_answer_depends_on_belief_and_question_alone() {
             }
             let answer = ask(&mut person, &question(0, 0, phase, rows));
             assert_eq!(answer.status, 0);
-            all.extend_from_slice(&answer.action[..rows as usize]);
+            all.extend_from_slice(&answer.action[..2 * rows as usize]);
         }
         all
     };
     assert_eq!(answers(false), answers(true), "other groups leave no trace");
-    assert!(
-        answers(false)
-            .as_flattened()
-            .iter()
-            .all(|a| (-1.0..=1.0).contains(a))
-    );
+    assert!(answers(false).iter().all(|a| (-1.0..=1.0).contains(a)));
     // A known action is what everybody does now.
     let mut person = person();
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
     let mut known = question(0, 0, 0, 9);
-    (known.action_known, known.action) = (1, [0.25, -0.5]);
-    assert_eq!(ask(&mut person, &known).action[..9], [[0.25, -0.5]; 9]);
+    (known.action_known, known.action) = (1, [0.25, -0.5, 0.0, 0.0]);
+    let answer = ask(&mut person, &known);
+    assert_eq!(answer.action[..18], *[[0.25, -0.5]; 9].as_flattened());
 }
 
 #[test]
@@ -308,7 +305,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
     // What each is told decides, if they see the same.
     for row in 1..5 {
-        compare.lidar[row] = compare.lidar[0];
+        compare.visual.copy_within(..113, 113 * row);
     }
     let answer = ask(&mut person, &compare);
     assert_eq!(answer.status, 0);

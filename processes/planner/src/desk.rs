@@ -74,10 +74,9 @@ impl Desk {
     pub fn write(&self, decision: &Decision, late: bool, out: &mut CommAction) {
         out.visual = decision.communicated.visual_bits();
         out.verbal = decision.communicated.verbal_bits();
-        out.visual_probability
-            .copy_from_slice(&decision.probability[..SECTORS]);
-        out.verbal_probability
-            .copy_from_slice(&decision.probability[SECTORS..]);
+        let (visual, verbal) = decision.probability.split_at(SECTORS);
+        out.visual_probability[..SECTORS].copy_from_slice(visual);
+        out.verbal_probability[..SECTORS].copy_from_slice(verbal);
         out.value = decision.value;
         out.value_silent = decision.value_silent;
         out.cost = decision.cost;

@@ -165,7 +165,7 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
     let mut client = node.request_client()?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
     let mut desk = Desk::new(options, model);
-    let mut waiting = Waiting::new(options.settings.samples);
+    let mut waiting = Waiting::new(options.settings.samples, model.sizes.shape.action);
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
     node.needs_no_catching_up();
 

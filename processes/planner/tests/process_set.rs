@@ -89,7 +89,7 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             let mut verbal = 0;
             for utterance in &display.utterances[..display.utterance_count as usize] {
                 let said = [Said::Nothing, Said::Slow, Said::Fast][utterance.kind as usize];
-                let sector = utterance.sector as usize;
+                let sector = utterance.item as usize;
                 table.encode(sector, said, utterance.range_m, seen.verbal.column_mut(0));
                 verbal |= 1 << sector;
             }

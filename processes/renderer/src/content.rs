@@ -120,7 +120,7 @@ impl Renderer {
         text[..length].copy_from_slice(&words[..length]);
         Utterance {
             text,
-            sector: sector as u32,
+            item: sector as u32,
             kind: heard.kind as u32,
             range_m: heard.range_m,
             speed_mps: heard.speed_mps,
@@ -222,7 +222,7 @@ mod tests {
         let cars = [(18, 2, 23.0, 18.2), (11, 3, 30.0, 5.0), (14, 4, 12.0, 8.8)];
         let wanted = [(2, 0.5), (3, 0.9)];
         let first = render(&mut renderer, &frame(10, &cars), 0, &wanted);
-        assert_eq!((first.utterance_count, first.utterances[0].sector), (1, 3));
+        assert_eq!((first.utterance_count, first.utterances[0].item), (1, 3));
         assert_eq!(first.utterances[0].kind, FAST);
         assert!((first.utterances[0].range_m - 23.0).abs() < 1e-5);
         assert_eq!(first.utterances[0].speed_mps, 18.2);
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(early.utterance_count, 0);
         assert!((early.speech_ready_s - 0.15).abs() < 1e-5);
         let later = render(&mut renderer, &frame(34, &cars), 0, &[(2, 0.5)]);
-        assert_eq!((later.utterance_count, later.utterances[0].sector), (1, 2));
+        assert_eq!((later.utterance_count, later.utterances[0].item), (1, 2));
         // The nearest car of the sector is the slow one at 12 m.
         assert_eq!(later.utterances[0].kind, SLOW);
         assert!((later.utterances[0].range_m - 12.0).abs() < 1e-5);

@@ -107,7 +107,7 @@ impl<W: Write> Events<W> {
             .next()
             .unwrap_or_default();
         let text = String::from_utf8_lossy(text);
-        let sector = SECTOR_NAMES.get(utterance.sector as usize).unwrap_or(&"?");
+        let sector = SECTOR_NAMES.get(utterance.item as usize).unwrap_or(&"?");
         let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
         match utterance.kind {
             0 => self.line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),

@@ -237,7 +237,10 @@ impl Reading {
             }
             Recorded::CommAction(decision) => step.decision = Some(*decision),
             // These are no part of a step, and must not begin one.
-            Recorded::Scene(_) | Recorded::Control(_) | Recorded::Report(_) => {
+            Recorded::Observation(_)
+            | Recorded::Scene(_)
+            | Recorded::Control(_)
+            | Recorded::Report(_) => {
                 if step.is_empty() {
                     self.drive.steps.remove(&at);
                 }

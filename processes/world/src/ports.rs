@@ -5,7 +5,7 @@ use domains::highway::traffic::CarState;
 use domains::highway::{self, End, World};
 use messages::{
     CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene,
-    topic,
+    TERMS, topic,
 };
 use runtime::{
     ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns,
@@ -175,6 +175,7 @@ fn write_outcome(outcome: &highway::Outcome, message: &mut Outcome) {
         proximity: outcome.proximity,
         road: outcome.road,
         collision: outcome.collision,
+        terms: [0.0; TERMS],
         collided: u32::from(outcome.collided),
         end: outcome.end as u32,
         other: outcome.other,

@@ -92,7 +92,7 @@ impl Script {
             display.highlighted = decision.visual;
             if step >= self.ready_step && decision.verbal != 0 {
                 display.utterance_count = 1;
-                display.utterances[0].sector = decision.verbal.trailing_zeros();
+                display.utterances[0].item = decision.verbal.trailing_zeros();
                 display.utterances[0].kind = rng.random_range(0..3);
                 display.utterances[0].range_m = rng.random_range(0.0..40.0);
                 self.ready_step = step + 6;
