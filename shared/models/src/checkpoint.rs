@@ -46,6 +46,16 @@ pub enum ModelFileError {
         /// What is wrong.
         reason: String,
     },
+    /// Something that its metadata says cannot be understood.
+    #[error("{file}: metadata \"{key}\": {reason}")]
+    Metadata {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
     /// A number in it is not finite.
     #[error("{file}: tensor \"{tensor}\" holds {value} at {index}")]
     NotFinite {

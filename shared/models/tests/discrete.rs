@@ -5,12 +5,13 @@ mod support;
 use domains::discrete::{
     Discrete, Domain, Layout, Mask, Mind, Scene, Setting, SimulatedPerson, Words, World,
 };
+use models::discrete::human_file::{load_human, load_policy, save_policy};
 use models::discrete::{
     ChooserSizes, DiscreteHuman, DiscreteModel, Implants, Perceiver, RecurrentChooser,
     RecurrentHuman, Sizes,
 };
 use models::policy::largest;
-use models::{Beliefs, Communicated, HumanModel, Observations, WorldModel};
+use models::{Beliefs, Communicated, HumanModel, Kind, Observations, WorldModel};
 use nn::Tensor;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -449,13 +450,117 @@ fn files_give_back_what_was_saved_and_refuse_the_rest() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let implants = Implants::new(&model, true, &mut rng);
         let own = folder.path().join("implants.safetensors");
-        implants.save(&own, &model, "test").unwrap();
-        assert_eq!(
-            Implants::load(&own, &model).unwrap().parameters,
-            implants.parameters
-        );
+        implants.save(&own, &model, 1, "test").unwrap();
+        let (read, heard) = Implants::load(&own, &model).unwrap();
+        assert_eq!(read.parameters, implants.parameters);
+        assert_eq!(heard, 1);
         let stranger = DiscreteModel::new(model.sizes, layout(domain), &mut rng);
         assert!(Implants::load(&own, &stranger).is_err());
     }
     assert!(models::checkpoint::load_self_model(&path).is_err());
+}
+
+/// What was learned of a person comes back as the model that it was, and nothing else does.
+#[test]
+fn learned_people_are_read_as_what_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    for domain in Domain::ALL {
+        let (scene, words) = scene(domain);
+        let person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
+        let model = Arc::new(self_model(domain));
+        let layout = layout(domain);
+        let path = |kind: &str| folder.path().join(format!("{kind}.safetensors"));
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        for (kind, with_policy) in [("mirror", true), ("mirror-p", false)] {
+            let implants = Implants::new(&model, with_policy, &mut rng);
+            implants.save(&path(kind), &model, 0, "test").unwrap();
+        }
+        let mut policies = Vec::new();
+        for (kind, layers) in [(Kind::Bc, 2), (Kind::Sqil, 3)] {
+            let sizes = ChooserSizes::of(&layout, layers);
+            let policy = RecurrentChooser::new(sizes, &layout, &mut rng);
+            let (at, sight) = (path(kind.name()), person.sight());
+            save_policy(
+                &at,
+                kind,
+                &policy,
+                sight,
+                "test",
+                &[("mirror.note", "x".into())],
+            )
+            .unwrap();
+            let (read, seen) = load_policy(&at, kind, &layout).unwrap();
+            assert_eq!(read.parameters, policy.parameters);
+            assert_eq!((&seen, read.sizes), (sight, sizes));
+            policies.push((kind, policy));
+        }
+        for kind in Kind::ALL {
+            let file = path(kind.name());
+            let file = (kind != Kind::Myself).then_some(file.as_path());
+            assert_eq!(load_human(file, kind, &model).unwrap().kind(), kind.name());
+            for other in Kind::ALL.into_iter().filter(|other| *other != kind) {
+                let error = match load_human(file, other, &model) {
+                    Err(error) => error.to_string(),
+                    Ok(_) => panic!("{file:?} was read as {other:?}"),
+                };
+                let named = file.map_or(other.name(), |f| f.file_name().unwrap().to_str().unwrap());
+                assert!(error.contains(named), "{error}");
+            }
+        }
+        // The same person as before: policy and sight, step by step.
+        let (kind, policy) = policies.swap_remove(0);
+        let mut made = RecurrentHuman::new("bc", Arc::new(policy), &layout, person.sight());
+        let mut read = load_human(Some(&path("bc")), kind, &model).unwrap();
+        let steps = steps(&made, domain, 2, 4, 3);
+        assert_eq!(follow(&mut made, &steps), follow(&mut *read, &steps));
+        // Damaged files name themselves and the place.
+        let whole = std::fs::read(path("bc")).unwrap();
+        std::fs::write(path("cut"), &whole[..whole.len() - 40]).unwrap();
+        let error = load_policy(&path("cut"), Kind::Bc, &layout).unwrap_err();
+        assert!(error.to_string().contains("cut.safetensors"), "{error}");
+        let limits = |numbers: &[f32]| {
+            let sizes = ChooserSizes::of(&layout, 1);
+            let policy = RecurrentChooser::new(sizes, &layout, &mut ChaCha8Rng::seed_from_u64(8));
+            let metadata = nn::checkpoint::load(&path("bc"))
+                .unwrap()
+                .metadata()
+                .clone();
+            let metadata = metadata
+                .into_iter()
+                .map(|(k, v)| match k.as_str() {
+                    "mirror.sizes" => (k, serde_json::to_string(&sizes).unwrap()),
+                    _ => (k, v),
+                })
+                .collect();
+            let extras = [("limits", nn::checkpoint::Extra::F32(numbers))];
+            nn::checkpoint::save(
+                &path("limits"),
+                &[("", &policy.parameters)],
+                &extras,
+                &metadata,
+            )
+            .unwrap();
+            load_policy(&path("limits"), Kind::Bc, &layout)
+        };
+        let many = vec![0.5; Perceiver::new(&layout).limits()];
+        assert!(limits(&many).is_ok());
+        for wrong in [
+            &many[1..],
+            &[-1.0; 6][..many.len()],
+            &[f32::NAN; 6][..many.len()],
+        ] {
+            let error = limits(wrong).unwrap_err().to_string();
+            let names = ["limits.safetensors", "\"limits\""];
+            assert!(names.iter().all(|name| error.contains(name)), "{error}");
+        }
+        for other in Domain::ALL.into_iter().filter(|other| *other != domain) {
+            let other = Arc::new(self_model(other));
+            for kind in [Kind::Bc, Kind::Mirror] {
+                let error = load_human(Some(&path(kind.name())), kind, &other)
+                    .err()
+                    .unwrap();
+                assert!(error.to_string().contains(domain.name()), "{error}");
+            }
+        }
+    }
 }

@@ -17,6 +17,8 @@ use std::sync::Arc;
 
 /// Metadata key of the domain.
 pub const DOMAIN: &str = "mirror.domain";
+/// Metadata key of the utterances that a person hears without an assistant, a bit each, as a decimal number.
+pub const HEARD: &str = "mirror.heard";
 /// Metadata key that tells whether implants have a policy residual.
 const WITH_POLICY: &str = "mirror.with_policy";
 
@@ -91,7 +93,8 @@ pub fn model_from(
 }
 
 impl Implants {
-    /// Writes the implants; `model` is the self-model that they were learned on, `command` how they were made.
+    /// Writes the implants; `model` is the self-model that they were learned on, `heard` the utterances that the person hears
+    /// without an assistant, `command` how they were made.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -99,6 +102,7 @@ impl Implants {
         &self,
         path: &Path,
         model: &DiscreteModel,
+        heard: u32,
         command: &str,
     ) -> Result<(), CheckpointError> {
         let metadata = BTreeMap::from([
@@ -106,18 +110,20 @@ impl Implants {
             (DOMAIN.to_owned(), model.sizes.domain.name().to_owned()),
             (SELF_MODEL_DIGEST.to_owned(), digest(&model.parameters)),
             (WITH_POLICY.to_owned(), self.has_policy().to_string()),
+            (HEARD.to_owned(), heard.to_string()),
             (COMMAND.to_owned(), command.to_owned()),
         ]);
         nn::checkpoint::save(path, &[("", &self.parameters)], &[], &metadata)
     }
 
-    /// Reads implants that belong to `model`.
+    /// Reads implants that belong to `model`, and the utterances that their person hears without an assistant.
     ///
     /// # Errors
     /// If the file is missing, damaged, holds something else, or they were learned on another self-model.
-    pub fn load(path: &Path, model: &DiscreteModel) -> Result<Self, ModelFileError> {
+    pub fn load(path: &Path, model: &DiscreteModel) -> Result<(Self, u32), ModelFileError> {
         let checkpoint = nn::checkpoint::load(path)?;
         expect(&checkpoint, IMPLANTS)?;
+        expect_domain(&checkpoint, &model.layout)?;
         let file = checkpoint.file().to_owned();
         let theirs = checkpoint.metadata_value(SELF_MODEL_DIGEST)?;
         let ours = digest(&model.parameters);
@@ -132,11 +138,44 @@ impl Implants {
         let mut implants = Self::new(model, with_policy, &mut ChaCha8Rng::seed_from_u64(0));
         checkpoint.read("", &mut implants.parameters)?;
         finite(&file, &implants.parameters)?;
-        Ok(implants)
+        Ok((implants, heard(&checkpoint, &model.layout)?))
     }
 }
 
-fn expect(checkpoint: &Checkpoint, expected: &'static str) -> Result<(), ModelFileError> {
+/// Fails for a file of another domain than the layout's.
+pub(super) fn expect_domain(
+    checkpoint: &Checkpoint,
+    layout: &Layout,
+) -> Result<(), ModelFileError> {
+    let found = checkpoint.metadata_value(DOMAIN)?;
+    if found == layout.domain.name() {
+        return Ok(());
+    }
+    Err(ModelFileError::Holds {
+        file: checkpoint.file().to_owned(),
+        found: format!("something of domain `{found}`"),
+        expected: layout.domain.name(),
+    })
+}
+
+/// The utterances that the person hears without an assistant.
+pub(super) fn heard(checkpoint: &Checkpoint, layout: &Layout) -> Result<u32, ModelFileError> {
+    let text = checkpoint.metadata_value(HEARD)?;
+    let everything = layout.everything().verbal;
+    match text.parse::<u32>() {
+        Ok(bits) if bits & !everything == 0 => Ok(bits),
+        _ => Err(ModelFileError::Metadata {
+            file: checkpoint.file().to_owned(),
+            key: HEARD,
+            reason: format!("{text} is no set of {} utterances", layout.utterances),
+        }),
+    }
+}
+
+pub(super) fn expect(
+    checkpoint: &Checkpoint,
+    expected: &'static str,
+) -> Result<(), ModelFileError> {
     let found = checkpoint.metadata().get(HOLDS);
     let found = found.map_or("something else", String::as_str);
     if found == expected {
@@ -149,7 +188,7 @@ fn expect(checkpoint: &Checkpoint, expected: &'static str) -> Result<(), ModelFi
     })
 }
 
-fn finite(file: &str, parameters: &Parameters) -> Result<(), ModelFileError> {
+pub(super) fn finite(file: &str, parameters: &Parameters) -> Result<(), ModelFileError> {
     for (_, name, tensor) in parameters.iter() {
         if let Some(index) = tensor.data().iter().position(|x| !x.is_finite()) {
             return Err(ModelFileError::NotFinite {

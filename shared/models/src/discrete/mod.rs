@@ -7,6 +7,7 @@
 mod checkpoint;
 mod filter;
 mod human;
+pub mod human_file;
 mod implants;
 mod perception;
 mod reader;
@@ -15,13 +16,13 @@ mod self_model;
 mod sizes;
 mod view;
 
-pub use checkpoint::{DOMAIN, digest, metadata, model_from};
+pub use checkpoint::{DOMAIN, HEARD, digest, metadata, model_from};
 pub use filter::{DiscreteFilter, DiscreteScratch};
 pub use human::DiscreteHuman;
 pub use implants::{
     Attached, Implants, RESIDUAL_BOUND, RESIDUAL_HIDDEN, policy_on_tape, seen_on_tape,
 };
-pub use perception::Perceiver;
+pub use perception::{Perceiver, limits_of};
 pub use reader::{Reader, ReaderScratch};
 pub use recurrent::{ChooserSizes, RecurrentChooser, RecurrentHuman};
 pub use self_model::{Batch, DiscreteModel, ElboTerms};

@@ -5,7 +5,7 @@
 //! Driving: cells to the car, and one of four limits by its lane and whether it is ahead. Search and rescue: cells to the middle
 //! of the portion, and one limit. Bomb defusal: a number drawn from U(0, 1), and the probability of noticing the terminal.
 
-use domains::discrete::{Domain, Layout};
+use domains::discrete::{Domain, Layout, Perception, Sight};
 use domains::{bomb_defusal, driving, search_rescue};
 
 /// A domain's distances.
@@ -13,6 +13,15 @@ use domains::{bomb_defusal, driving, search_rescue};
 pub struct Perceiver {
     domain: Domain,
     regions: usize,
+}
+
+/// The limits of a person's true sight, in the order of [`Perceiver::distance`]'s.
+pub fn limits_of(perception: &Perception) -> Vec<f32> {
+    match perception {
+        Perception::Thresholds(cells) => cells.to_vec(),
+        Perception::Radius(cells) => vec![*cells],
+        Perception::Probabilities(p) => p.to_vec(),
+    }
 }
 
 /// Most regions that a domain has.
@@ -40,6 +49,19 @@ impl Perceiver {
     /// Visual regions.
     pub fn regions(&self) -> usize {
         self.regions
+    }
+
+    /// The sight of a person with these limits; none if their number is not [`Self::limits`].
+    pub fn sight(&self, limits: &[f32], heard: u32) -> Option<Sight> {
+        let perception = match self.domain {
+            Domain::Driving => Perception::Thresholds(limits.try_into().ok()?),
+            Domain::SearchRescue => match limits {
+                [cells] => Perception::Radius(*cells),
+                _ => return None,
+            },
+            Domain::BombDefusal => Perception::Probabilities(limits.try_into().ok()?),
+        };
+        Some(Sight { perception, heard })
     }
 
     /// The largest limit: beyond it nothing is left to be seen.

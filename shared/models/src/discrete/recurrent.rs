@@ -7,14 +7,14 @@
 //! Behavioural cloning learns the logits, soft-Q imitation Q-values of temperature 1, whose soft policy is the same softmax. These
 //! models are told what the person can see (paper §IV-A); the belief that they carry is h.
 
-use super::perception::Perceiver;
+use super::perception::{Perceiver, limits_of};
 use super::reader::{Reader, ReaderScratch};
 use super::sizes::Sizes;
 use super::view::View;
 use crate::human::{Beliefs, HumanModel};
 use crate::observation::{Communicated, Observations};
 use crate::policy::ActionDistribution;
-use domains::discrete::{Domain, Layout, Mask, Perception, Sight};
+use domains::discrete::{Domain, Layout, Mask, Sight};
 use nn::{Activation, Gru, GruScratch, Mlp, MlpScratch, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -48,6 +48,27 @@ impl ChooserSizes {
             },
             layers,
         }
+    }
+}
+
+impl ChooserSizes {
+    /// A reason why these sizes make no sense for a layout, if there is one.
+    pub fn problem(&self, layout: &Layout) -> Option<String> {
+        if let Some(reason) = self.model.problem(layout) {
+            return Some(reason);
+        }
+        let possible = (1..=1024).contains(&self.hidden)
+            && (1..=4096).contains(&self.dense)
+            && (1..=8).contains(&self.layers);
+        (!possible).then(|| {
+            let Self {
+                hidden,
+                dense,
+                layers,
+                ..
+            } = self;
+            format!("a policy of {hidden} features and {layers} layers of {dense} is out of bounds")
+        })
     }
 }
 
@@ -141,15 +162,10 @@ impl RecurrentHuman {
         layout: &Layout,
         sight: &Sight,
     ) -> Self {
-        let limits = match sight.perception {
-            Perception::Thresholds(cells) => cells.to_vec(),
-            Perception::Radius(cells) => vec![cells],
-            Perception::Probabilities(p) => p.to_vec(),
-        };
         Self {
             kind,
             perceiver: Perceiver::new(layout),
-            limits,
+            limits: limits_of(&sight.perception),
             heard: sight.heard,
             last: Mask::NONE,
             observed: Tensor::new(policy.view.rows(), 0),

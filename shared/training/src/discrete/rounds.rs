@@ -2,6 +2,7 @@
 //! it (for the models that are told: BC and SQIL), and what they did.
 
 use domains::discrete::{Discrete, Domain, Layout, Mask, Mind, World};
+use models::discrete::HEARD;
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,8 +10,6 @@ use thiserror::Error;
 
 /// Metadata value that tells a file of demonstrations.
 const DEMONSTRATIONS: &str = "demonstrations";
-/// Metadata key of the utterances that the person hears without an assistant, as a number.
-const HEARD: &str = "mirror.heard";
 
 /// One round of n steps.
 #[derive(Clone, Debug, Default, PartialEq)]
