@@ -26,7 +26,7 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Measure where the time goes in a set of processes: one started for this, or one that runs
     Profile(ProfileArguments),
-    /// Record rounds that a simulated person drives without communication
+    /// Record rounds that a simulated person lives without communication
     Demos(DemosArguments),
     /// Learn a model
     #[command(subcommand)]
@@ -244,7 +244,8 @@ pub struct ProcessArguments {
 /// What to learn.
 #[derive(Debug, Subcommand)]
 pub enum Train {
-    /// Learn the robot's self-model by driving, from nothing (about a quarter of an hour on two cores)
+    /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway, minutes
+    /// for a gridworld)
     #[command(name = "self")]
     Myself(TrainSelfArguments),
     /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is (seconds)
@@ -256,14 +257,34 @@ pub enum Train {
 pub enum Domain {
     /// Driving on a highway
     Highway,
+    /// Driving in a gridworld
+    Driving,
+    /// Search and rescue in a gridworld
+    #[value(name = "search_rescue")]
+    SearchRescue,
+    /// Bomb defusal
+    #[value(name = "bomb_defusal")]
+    BombDefusal,
+}
+
+impl Domain {
+    /// The gridworld that it is; none for the highway.
+    pub fn gridworld(self) -> Option<domains::discrete::Domain> {
+        match self {
+            Self::Highway => None,
+            Self::Driving => Some(domains::discrete::Domain::Driving),
+            Self::SearchRescue => Some(domains::discrete::Domain::SearchRescue),
+            Self::BombDefusal => Some(domains::discrete::Domain::BombDefusal),
+        }
+    }
 }
 
 /// What the person could see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Setting {
-    /// Clear weather (highway-clear)
+    /// Clear weather, clear air, the robot's own rules
     Original,
-    /// Fog (highway-fog)
+    /// Fog, smoke, newer rules
     Transfer,
 }
 
@@ -273,13 +294,13 @@ pub struct DemosArguments {
     /// The domain
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
-    /// The simulated person: 1 to 21, or a person's file
+    /// The simulated person: 1 to 21 on the highway, 1 to 10 in a gridworld, or a person's file
     #[arg(long, value_name = "ID|FILE.toml")]
     pub person: String,
     /// What the person could see
     #[arg(long, value_enum, default_value_t = Setting::Transfer)]
     pub setting: Setting,
-    /// How many rounds; six show every case once
+    /// How many rounds; six show every case of the highway once, nine every scenario of a gridworld
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
     pub rounds: usize,
     /// Seed of the rounds
@@ -301,7 +322,7 @@ fn rounds(text: &str) -> Result<usize, String> {
 #[derive(Args, Debug)]
 pub struct TrainHumanArguments {
     /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these rounds
-    /// and an expert's in clear weather, by likelihood (`bc`) or by soft-Q imitation (`sqil`)
+    /// (on the highway, and an expert's in clear weather), by likelihood (`bc`) or by soft-Q imitation (`sqil`)
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub kind: String,
     /// The domain
@@ -310,6 +331,9 @@ pub struct TrainHumanArguments {
     /// What `mirror demos` recorded
     #[arg(long, value_name = "FILE.safetensors")]
     pub demos: PathBuf,
+    /// In a gridworld, rounds of the same person in the original setting, from which `bc` and `sqil` learn too
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub original: Option<PathBuf>,
     /// Where to write what was learned, for `mirror up --learned`
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
@@ -336,10 +360,13 @@ pub struct TrainSelfArguments {
     /// Episodes in all, those before a --resume included [default: as many as the shipped model had]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub episodes: Option<u32>,
+    /// In a gridworld: phases in all, of some rounds and some gradient steps each [default: as many as the shipped model had]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub phases: Option<u32>,
     /// Continue where an earlier run stopped: the result is the same as if it had not
     #[arg(long)]
     pub resume: bool,
-    /// Write one line of JSON per episode to this file
+    /// Write one line of JSON per episode, or phase, to this file
     #[arg(long, value_name = "FILE.jsonl")]
     pub metrics: Option<PathBuf>,
 }

@@ -3,9 +3,10 @@
 
 use crate::cli::{DemosArguments, Setting, TrainHumanArguments};
 use crate::failure::Failure;
+use crate::gridworld;
 use crate::inputs;
 use crate::screen::Progress;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use domains::highway::{Person, Scene};
 use driver::Driving;
 use models::recurrent_file::save_policy;
@@ -33,6 +34,9 @@ pub fn command_line() -> String {
 
 /// `mirror demos`: records rounds of a simulated person without communication.
 pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
+    if let Some(domain) = arguments.domain.gridworld() {
+        return gridworld::learn::demos(arguments, domain);
+    }
     let plan = || -> Result<_> {
         let out = inputs::writable("--out", &arguments.out)?;
         let Driving::Simulated(person) =
@@ -80,9 +84,16 @@ pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
 
 /// `mirror train human`: learns implants or a policy from demonstrations.
 pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure> {
+    if let Some(domain) = arguments.domain.gridworld() {
+        return gridworld::learn::train_human(arguments, domain);
+    }
     let plan = || -> Result<_> {
         let out = inputs::writable("--out", &arguments.out)?;
         let kind = inputs::human("--kind", &arguments.kind)?;
+        ensure!(
+            arguments.original.is_none(),
+            "--original: on the highway an expert's rounds in clear weather stand in for these"
+        );
         let (_, model) = inputs::self_model(arguments.self_model.as_deref())?;
         Ok((out, kind, model, Demonstrations::load(&arguments.demos)?))
     };

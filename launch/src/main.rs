@@ -5,6 +5,7 @@ mod doctor;
 mod evaluate;
 mod evaluate_real;
 mod failure;
+mod gridworld;
 mod inputs;
 mod learn;
 mod process;

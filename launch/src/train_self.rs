@@ -2,10 +2,11 @@
 
 use crate::cli::TrainSelfArguments;
 use crate::failure::Failure;
+use crate::gridworld;
 use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use domains::highway::Scene;
 use models::utterances::UtteranceTable;
 use std::fs::{File, OpenOptions};
@@ -13,7 +14,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use training::self_model::{Metrics, Settings, Trainer};
+use training::self_model::{Settings, Trainer};
 
 /// Episodes from one checkpoint to the next.
 const CHECKPOINT_EPISODES: u32 = 25;
@@ -22,6 +23,9 @@ const EVALUATED: u32 = 30;
 
 /// Runs `mirror train self`.
 pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
+    if let Some(domain) = arguments.domain.gridworld() {
+        return gridworld::train_self::train_self(arguments, domain);
+    }
     let (mut trainer, out) = prepare(arguments).map_err(Failure::refused)?;
     let checkpoint = checkpoint_of(&out);
     let mut metrics = arguments
@@ -69,6 +73,10 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
 
 fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
     let out = inputs::writable("--out", &arguments.out)?;
+    ensure!(
+        arguments.phases.is_none(),
+        "--phases: only the gridworlds count in phases, the highway's training in --episodes"
+    );
     let scene = Arc::new(Scene::builtin("highway-clear")?);
     let table = UtteranceTable::shipped()?;
     let mut trainer = if arguments.resume {
@@ -87,11 +95,11 @@ fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
 }
 
 /// Where a run keeps what it needs to continue.
-fn checkpoint_of(out: &Path) -> PathBuf {
+pub(crate) fn checkpoint_of(out: &Path) -> PathBuf {
     out.with_extension("training.safetensors")
 }
 
-fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
+pub(crate) fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
     let file = OpenOptions::new()
         .create(true)
         .write(true)
@@ -104,7 +112,7 @@ fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
     ))
 }
 
-fn write(file: &mut BufWriter<File>, metrics: &Metrics) -> Result<()> {
+pub(crate) fn write(file: &mut BufWriter<File>, metrics: &impl serde::Serialize) -> Result<()> {
     serde_json::to_writer(&mut *file, metrics)?;
     file.write_all(b"\n")?;
     Ok(file.flush()?)

@@ -178,7 +178,12 @@ fn policies_learned_from_rounds_know_more_than_chance() {
         phases: 8,
         ..sqil::Settings::default()
     };
-    let imitated = sqil::learn(world, person.sight(), &learned_from, &held, &settings);
+    let imitated = sqil::learn(
+        vec![(world, *person.sight())],
+        &learned_from,
+        &held,
+        &settings,
+    );
     assert!(imitated.validation < chance, "{}", imitated.validation);
     // Neither depends on anything but its arguments.
     let again = cloning::learn(
@@ -196,7 +201,7 @@ fn policies_learned_from_rounds_know_more_than_chance() {
 #[test]
 fn nothing_is_learned_from_nothing() {
     let model: DiscreteModel = trainer(Domain::Driving).model;
-    let empty = Rounds::new(&model.layout, 0);
+    let empty = Rounds::new(&model.layout, Setting::Original, 0);
     let learned = implants::learn(
         &model,
         true,

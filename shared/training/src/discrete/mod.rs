@@ -5,6 +5,7 @@ mod checkpoint;
 pub mod cloning;
 mod dqn;
 pub mod implants;
+pub mod people;
 mod replay;
 mod rollout;
 mod rounds;

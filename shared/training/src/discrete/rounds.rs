@@ -1,8 +1,8 @@
 //! Rounds that a person played in a gridworld without an assistant: what could be sensed, what the person truly perceived of
 //! it (for the models that are told: BC and SQIL), and what they did.
 
-use domains::discrete::{Discrete, Domain, Layout, Mask, Mind, World};
-use models::discrete::HEARD;
+use domains::discrete::{Discrete, Domain, Layout, Mask, Mind, Setting, World};
+use models::discrete::{HEARD, Perceiver, limits_of};
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,6 +10,10 @@ use thiserror::Error;
 
 /// Metadata value that tells a file of demonstrations.
 const DEMONSTRATIONS: &str = "demonstrations";
+/// Metadata key of the setting.
+const SETTING: &str = "mirror.setting";
+/// Tensor of what limits the person's sight.
+const LIMITS: &str = "limits";
 
 /// One round of n steps.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,10 +47,14 @@ impl Round {
 pub struct Rounds {
     /// Where.
     pub domain: Domain,
+    /// Which setting it was in.
+    pub setting: Setting,
     /// Numbers of each observation's modalities.
     pub sizes: [usize; 2],
     /// Utterances that the person hears without an assistant, a bit each.
     pub heard: u32,
+    /// What limits the person's sight ([`models::discrete::limits_of`]), where it is known: for the models that are told.
+    pub limits: Option<Vec<f32>>,
     /// Rounds.
     pub rounds: Vec<Round>,
     /// Who played and how: the command that made the file.
@@ -71,11 +79,13 @@ pub enum RoundsError {
 
 impl Rounds {
     /// No rounds of a domain yet.
-    pub fn new(layout: &Layout, heard: u32) -> Self {
+    pub fn new(layout: &Layout, setting: Setting, heard: u32) -> Self {
         Self {
             domain: layout.domain,
+            setting,
             sizes: [layout.visual, layout.verbal],
             heard,
+            limits: None,
             rounds: Vec::new(),
             source: String::new(),
         }
@@ -90,7 +100,8 @@ impl Rounds {
         rounds: u32,
     ) -> Self {
         let layout = world.layout().clone();
-        let mut all = Self::new(&layout, person.sight().heard);
+        let mut all = Self::new(&layout, world.setting(), person.sight().heard);
+        all.limits = Some(limits_of(&person.sight().perception));
         let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
         for episode in first..first + rounds {
             world.reset(seed, episode, episode);
@@ -112,13 +123,24 @@ impl Rounds {
         all
     }
 
+    /// The rounds of a part of these, with all else as it is.
+    pub fn part(&self, range: std::ops::Range<usize>) -> Self {
+        let end = range.end.min(self.rounds.len());
+        Self {
+            rounds: self.rounds[range.start.min(end)..end].to_vec(),
+            source: self.source.clone(),
+            limits: self.limits.clone(),
+            ..*self
+        }
+    }
+
     /// Steps of all rounds.
     pub fn steps(&self) -> usize {
         self.rounds.iter().map(Round::len).sum()
     }
 
     /// Writes the rounds as a safetensors file: `length` (u64 per round), `visual` and `verbal` (f32), `perceived` (u64 per
-    /// step: visual bits, then verbal bits from bit 32), `action` (u8) and `reward` (f32).
+    /// step: visual bits, then verbal bits from bit 32), `action` (u8), `reward` (f32) and, where they are known, `limits` (f32).
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -146,10 +168,11 @@ impl Rounds {
                 models::discrete::DOMAIN.to_owned(),
                 self.domain.name().to_owned(),
             ),
+            (SETTING.to_owned(), self.setting.name().to_owned()),
             (HEARD.to_owned(), self.heard.to_string()),
             ("mirror.rounds".to_owned(), self.rounds.len().to_string()),
         ]);
-        let extras = [
+        let mut extras = vec![
             ("length", Extra::U64(&lengths)),
             ("visual", Extra::F32(&visual)),
             ("verbal", Extra::F32(&verbal)),
@@ -157,6 +180,9 @@ impl Rounds {
             ("action", Extra::U8(&action)),
             ("reward", Extra::F32(&reward)),
         ];
+        if let Some(limits) = &self.limits {
+            extras.push((LIMITS, Extra::F32(limits)));
+        }
         nn::checkpoint::save(path, &[], &extras, &metadata)
     }
 
@@ -182,6 +208,15 @@ impl Rounds {
             let expected = layout.domain.name();
             return Err(bad(format!("rounds of {domain}, expected {expected}")));
         }
+        let setting = file.metadata_value(SETTING)?;
+        let setting = [Setting::Original, Setting::Transfer]
+            .into_iter()
+            .find(|known| known.name() == setting)
+            .ok_or_else(|| {
+                bad(format!(
+                    "metadata \"{SETTING}\" is {setting}, neither original nor transfer"
+                ))
+            })?;
         let heard = file.metadata_value(HEARD)?;
         let heard = heard
             .parse()
@@ -229,6 +264,20 @@ impl Rounds {
                 "action {found} at step {step}, there are {actions}"
             )));
         }
+        let limits = match file.names().any(|name| name == LIMITS) {
+            false => None,
+            true => Some(file.f32s(LIMITS)?),
+        };
+        if let Some(limits) = &limits {
+            let expected = Perceiver::new(layout).limits();
+            if limits.len() != expected || limits.iter().any(|limit| limit.is_nan() || *limit < 0.0)
+            {
+                let reason = format!(
+                    "tensor \"{LIMITS}\" is {limits:?}, not {expected} limits of at least 0"
+                );
+                return Err(bad(reason));
+            }
+        }
         let mut next = 0;
         let rounds = lengths
             .iter()
@@ -254,8 +303,10 @@ impl Rounds {
             .collect();
         Ok(Self {
             domain: layout.domain,
+            setting,
             sizes: [layout.visual, layout.verbal],
             heard,
+            limits,
             rounds,
             source: file
                 .metadata()

@@ -72,16 +72,15 @@ pub struct Imitated {
     pub validation: f32,
 }
 
-/// Learns from `rounds` and in `world`, which people of this `sight` perceive; stops by `validation`, or by every fifth of
-/// `rounds` where there is none.
+/// Learns from `rounds` and in `places` by turns, worlds with what the person perceives there: the same settings as the rounds' (at
+/// least one). Stops by `validation`, or by every fifth of `rounds` where there is none.
 pub fn learn(
-    mut world: World,
-    sight: &Sight,
+    mut places: Vec<(World, Sight)>,
     rounds: &Rounds,
     validation: &Rounds,
     settings: &Settings,
 ) -> Imitated {
-    let layout = world.layout().clone();
+    let layout = places[0].0.layout().clone();
     let (train, held) = split(rounds, validation);
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let sizes = ChooserSizes::of(&layout, settings.layers);
@@ -100,7 +99,10 @@ pub fn learn(
     for phase in 0..settings.phases {
         for round in 0..settings.rounds {
             let number = phase as u32 * settings.rounds + round;
-            let round = live(&mut world, &policy, sight, settings.seed, number);
+            let turn = number as usize % places.len();
+            let scenario = number / places.len() as u32;
+            let (world, sight) = &mut places[turn];
+            let round = live(world, &policy, sight, settings.seed, [number, scenario]);
             if lived.len() >= settings.remembered.max(1) {
                 lived.remove(0);
             }
@@ -211,7 +213,7 @@ fn live(
     policy: &RecurrentChooser,
     sight: &Sight,
     seed: u64,
-    episode: u32,
+    [episode, scenario]: [u32; 2],
 ) -> Round {
     let layout = world.layout().clone();
     let mut human = RecurrentHuman::new("sqil", Arc::new(policy.clone()), &layout, sight);
@@ -224,7 +226,7 @@ fn live(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream((1 << 41) + u64::from(episode));
     let mut round = Round::default();
-    world.reset(seed, episode, episode);
+    world.reset(seed, episode, scenario);
     while world.end().is_running() {
         let Observations { visual, verbal } = &mut observations;
         world.observe(visual.column_mut(0), verbal.column_mut(0));

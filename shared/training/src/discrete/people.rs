@@ -1,0 +1,271 @@
+//! Human models of one person in a gridworld, learned from their rounds: one call for every kind.
+
+use super::cloning;
+use super::implants;
+use super::rounds::Rounds;
+use super::sqil;
+use domains::discrete::{Scene, Setting, Sight, WordsError, World};
+use models::discrete::human_file::save_policy;
+use models::discrete::{DiscreteHuman, DiscreteModel, Implants, Perceiver};
+use models::discrete::{RecurrentChooser, RecurrentHuman};
+use models::words::{TableError, shipped};
+use models::{HumanModel, Kind};
+use nn::checkpoint::CheckpointError;
+use std::path::Path;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// What there is to learn from.
+#[derive(Clone, Copy, Debug)]
+pub struct Lessons<'a> {
+    /// The person's rounds in the setting that the model is for.
+    pub rounds: &'a Rounds,
+    /// Their rounds in the original setting, where `rounds` are of the transfer setting: BC and SQIL learn from both (paper §IV-A).
+    pub original: Option<&'a Rounds>,
+    /// Rounds that say when BC and SQIL have learned enough; without them, every fifth of the others does.
+    pub validation: Option<&'a Rounds>,
+}
+
+/// What was learned.
+#[derive(Clone, Debug)]
+pub enum Learned {
+    /// The self-model stays as it is.
+    Nothing {
+        /// Utterances that the person hears without an assistant.
+        heard: u32,
+    },
+    /// `mirror` and `mirror-p`.
+    Implants {
+        /// The implants.
+        implants: Implants,
+        /// Utterances that the person hears without an assistant.
+        heard: u32,
+        /// How learning went, in words.
+        about: String,
+    },
+    /// `bc` and `sqil`.
+    Policy {
+        /// Which.
+        kind: Kind,
+        /// The networks.
+        policy: Arc<RecurrentChooser>,
+        /// What the person perceives.
+        sight: Sight,
+        /// How learning went, in words.
+        about: String,
+    },
+}
+
+/// A person could not be learned.
+#[derive(Debug, Error)]
+pub enum LearnError {
+    /// There are no rounds.
+    #[error(transparent)]
+    Empty(#[from] implants::NothingToLearn),
+    /// BC and SQIL are told what the person can see, and the rounds do not say.
+    #[error(
+        "human model `{}` has to be told what the person can see, and the rounds do not say (tensor \"limits\")",
+        .0.name()
+    )]
+    Unseen(Kind),
+    /// Fewer rounds than learning and validation take.
+    #[error("{found} rounds: human model `{}` needs five, of which one says when to stop", .kind.name())]
+    TooFew {
+        /// Rounds.
+        found: usize,
+        /// Of which kind.
+        kind: Kind,
+    },
+    /// The world that SQIL acts in cannot be made.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// See [`LearnError::Table`].
+    #[error(transparent)]
+    Words(#[from] WordsError),
+}
+
+/// Learns what `kind` takes. `progress` hears of (done, at most, a word).
+///
+/// # Errors
+/// [`LearnError`].
+pub fn learn(
+    kind: Kind,
+    model: &DiscreteModel,
+    lessons: &Lessons,
+    seed: u64,
+    progress: &mut dyn FnMut(u64, u64, &str),
+) -> Result<Learned, LearnError> {
+    let rounds = lessons.rounds;
+    let heard = rounds.heard;
+    match kind {
+        Kind::Myself => Ok(Learned::Nothing { heard }),
+        Kind::Mirror | Kind::MirrorP => {
+            let settings = implants::Settings {
+                seed,
+                ..implants::Settings::default()
+            };
+            let most = (settings.iterations * settings.starts.len()) as u64;
+            let with_policy = kind == Kind::Mirror;
+            let learned =
+                implants::learn(model, with_policy, rounds, &settings, &mut |done, loss| {
+                    progress(done as u64, most, &format!("loss {loss:.4}"));
+                })?;
+            Ok(Learned::Implants {
+                about: format!("last loss {:.4}", learned.last_loss()),
+                implants: learned.implants,
+                heard,
+            })
+        }
+        Kind::Bc | Kind::Sqil => policy(kind, model, lessons, seed),
+    }
+}
+
+fn policy(
+    kind: Kind,
+    model: &DiscreteModel,
+    lessons: &Lessons,
+    seed: u64,
+) -> Result<Learned, LearnError> {
+    let layout = &model.layout;
+    let rounds = lessons.rounds;
+    let perceiver = Perceiver::new(layout);
+    let sight_of = |rounds: &Rounds| {
+        let limits = rounds.limits.as_deref();
+        limits
+            .and_then(|limits| perceiver.sight(limits, rounds.heard))
+            .ok_or(LearnError::Unseen(kind))
+    };
+    let sight = sight_of(rounds)?;
+    let mut places = vec![(world_of(rounds)?, sight)];
+    let mut all = rounds.clone();
+    if let Some(original) = lessons.original {
+        // One round of each in turn, so that every part of them holds both.
+        let mut others = original.rounds.iter().cloned();
+        let own = std::mem::take(&mut all.rounds);
+        for round in own {
+            all.rounds.push(round);
+            all.rounds.extend(others.next());
+        }
+        all.rounds.extend(others);
+        places.push((world_of(original)?, sight_of(original)?));
+    }
+    if all.steps() == 0 {
+        return Err(implants::NothingToLearn.into());
+    }
+    let none = Rounds::new(layout, rounds.setting, rounds.heard);
+    let validation = lessons.validation.unwrap_or(&none);
+    if validation.steps() == 0 && all.rounds.len() < 5 {
+        let found = all.rounds.len();
+        return Err(LearnError::TooFew { found, kind });
+    }
+    let (policy, about) = if kind == Kind::Bc {
+        let settings = cloning::Settings {
+            seed,
+            ..cloning::Settings::default()
+        };
+        let cloned = cloning::learn(layout, &all, validation, &settings);
+        let tried: Vec<String> = cloned
+            .tried
+            .iter()
+            .map(|(layers, nll)| format!("{layers} layers {nll:.4}"))
+            .collect();
+        let about = format!(
+            "validation: {}; kept {} layers",
+            tried.join(", "),
+            cloned.policy.sizes.layers
+        );
+        (cloned.policy, about)
+    } else {
+        let settings = sqil::Settings {
+            seed,
+            ..sqil::Settings::default()
+        };
+        let imitated = sqil::learn(places, &all, validation, &settings);
+        (
+            imitated.policy,
+            format!("validation {:.4}", imitated.validation),
+        )
+    };
+    Ok(Learned::Policy {
+        kind,
+        policy: Arc::new(policy),
+        sight,
+        about,
+    })
+}
+
+/// The default world of the setting that rounds were played in.
+fn world_of(rounds: &Rounds) -> Result<World, LearnError> {
+    let words = shipped(rounds.domain)?;
+    let scene = Scene::of(rounds.domain, rounds.setting);
+    Ok(World::new(&scene, &words)?)
+}
+
+impl Learned {
+    /// The human model, on the self-model that it was learned with.
+    pub fn human(&self, model: &Arc<DiscreteModel>) -> Box<dyn HumanModel> {
+        match self {
+            Self::Nothing { heard } => {
+                Box::new(DiscreteHuman::new(Arc::clone(model), None, *heard))
+            }
+            Self::Implants {
+                implants, heard, ..
+            } => Box::new(DiscreteHuman::new(
+                Arc::clone(model),
+                Some(implants.clone()),
+                *heard,
+            )),
+            Self::Policy {
+                kind,
+                policy,
+                sight,
+                ..
+            } => Box::new(RecurrentHuman::new(
+                kind.name(),
+                Arc::clone(policy),
+                &model.layout,
+                sight,
+            )),
+        }
+    }
+
+    /// How learning went, in words.
+    pub fn about(&self) -> &str {
+        match self {
+            Self::Nothing { .. } => "nothing to learn",
+            Self::Implants { about, .. } | Self::Policy { about, .. } => about,
+        }
+    }
+
+    /// Writes what was learned; nothing for `self`. `command` is how it was made.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(
+        &self,
+        path: &Path,
+        model: &DiscreteModel,
+        command: &str,
+    ) -> Result<(), CheckpointError> {
+        match self {
+            Self::Nothing { .. } => Ok(()),
+            Self::Implants {
+                implants, heard, ..
+            } => implants.save(path, model, *heard, command),
+            Self::Policy {
+                kind,
+                policy,
+                sight,
+                about,
+            } => {
+                let notes = [("mirror.learning", about.clone())];
+                save_policy(path, *kind, policy, sight, command, &notes)
+            }
+        }
+    }
+}
+
+/// Whether BC and SQIL learn from rounds of the original setting too.
+pub fn wants_original(kind: Kind, setting: Setting) -> bool {
+    matches!(kind, Kind::Bc | Kind::Sqil) && setting == Setting::Transfer
+}
