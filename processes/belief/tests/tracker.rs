@@ -137,6 +137,7 @@ fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
             &arguments,
             &Options {
                 model: path.clone(),
+                gridworld: None,
             },
         )
         .expect_err("refused");

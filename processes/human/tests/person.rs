@@ -2,7 +2,8 @@
 
 use human::{GROUPS, Options, Person};
 use messages::{
-    Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, Message,
+    Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP,
+    Message,
 };
 use models::checkpoint::{save_implants, save_self_model};
 use models::recurrent_file::save_policy;
@@ -37,11 +38,12 @@ fn implants(with_policy: bool) -> Implants {
     )
 }
 
-fn person() -> Person {
+fn person() -> Person<UtteranceTable> {
     let human = SelfHuman::new(Arc::new(model()), Some(implants(true)));
     Person::new(
         Box::new(human),
         UtteranceTable::shipped().expect("the table ships"),
+        1,
     )
 }
 
@@ -54,9 +56,19 @@ fn frame(step: u32) -> LidarFrame {
     frame
 }
 
-fn observe(person: &mut Person, step: u32, display: &Display, taken: [f32; 2]) -> HumanBelief {
+fn observe(
+    person: &mut Person<UtteranceTable>,
+    step: u32,
+    display: &Display,
+    [throttle, steer]: [f32; 2],
+) -> HumanBelief {
     let mut out = HumanBelief::ZERO;
-    person.observe(&frame(step), display, taken, &mut out);
+    let taken = DriverAction {
+        throttle,
+        steer,
+        ..DriverAction::ZERO
+    };
+    person.observe(&frame(step), display, Some(&taken), &mut out);
     out
 }
 
@@ -72,7 +84,7 @@ fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest>
     question
 }
 
-fn ask(person: &mut Person, question: &ImagineRequest) -> Box<ImagineAnswer> {
+fn ask(person: &mut Person<UtteranceTable>, question: &ImagineRequest) -> Box<ImagineAnswer> {
     let mut answer = Box::new(ImagineAnswer::ZERO);
     (answer.group, answer.phase, answer.rows) = (question.group, question.phase, question.rows);
     person.answer(question, &mut answer);
@@ -265,6 +277,8 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
             kind,
             model: path("self"),
             implants: implants.map(path),
+            gridworld: None,
+            seed: 1,
         };
         options
             .load()
@@ -327,7 +341,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
     let policy = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [12.0; 36]);
     let table = UtteranceTable::shipped().expect("the table ships");
-    let mut other = Person::new(Box::new(policy), table);
+    let mut other = Person::new(Box::new(policy), table, 1);
     observe(&mut other, 0, &Display::ZERO, [0.0; 2]);
     assert_eq!(
         ask(&mut other, &compare).status,

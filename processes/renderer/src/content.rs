@@ -1,13 +1,12 @@
 //! Turns a decision into what the person sees and hears: which objects get a box, which sentence is spoken, about which
 //! car, and when the next sentence may start.
 
+use crate::render::{Render, is_in_force};
+use domains::discrete::Scene;
 use domains::highway::Observation;
 use domains::highway::display::most_wanted;
 use domains::highway::speech::{self, SECTOR_AZIMUTHS, displayable};
 use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance};
-
-/// For how many steps a decision stays in force when the next is late, in real time.
-const HOLD_STEPS: u32 = 2;
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -19,6 +18,9 @@ pub struct Options {
     pub speech_interval_s: f32,
     /// Whether events are written to the standard output.
     pub print: bool,
+    /// The gridworld's scene; none on the highway.
+    #[serde(default)]
+    pub gridworld: Option<Scene>,
 }
 
 impl Default for Options {
@@ -28,6 +30,7 @@ impl Default for Options {
             step_s: 0.15,
             speech_interval_s: 3.5,
             print: true,
+            gridworld: None,
         }
     }
 }
@@ -62,52 +65,6 @@ impl Renderer {
         }
     }
 
-    /// Whether something of this episode was rendered already.
-    pub fn follows(&self, episode: u32) -> bool {
-        self.episode == Some(episode)
-    }
-
-    /// Begins with an episode, at its start or where `shown`, the last that another renderer showed of it, left off.
-    pub fn follow(&mut self, episode: u32, shown: Option<&Display>) {
-        (self.episode, self.ready_step, self.heard_step) = (Some(episode), 0, None);
-        if let Some(shown) = shown.filter(|shown| shown.header.episode == episode) {
-            let steps = (shown.speech_ready_s / self.step_s).round() as u32;
-            self.ready_step = shown.header.step + steps;
-        }
-    }
-
-    /// Fills in `display` for the step of `frame`: what `decision` highlights and says, resolved in what the LIDAR
-    /// sees now. Without a decision that is in force nothing is shown.
-    pub fn render(
-        &mut self,
-        frame: &LidarFrame,
-        decision: Option<&CommAction>,
-        display: &mut Display,
-    ) {
-        let (episode, step) = (frame.header.episode, frame.header.step);
-        if !self.follows(episode) {
-            self.follow(episode, None);
-        }
-        display.objects = [-1; 16];
-        display.object_count = 0;
-        display.utterance_count = 0;
-        display.highlighted = 0;
-        if let Some(decision) = decision.filter(|decision| is_in_force(decision, frame)) {
-            highlight(frame, decision.visual, display);
-            let is_new =
-                self.heard_step.replace(decision.header.step) != Some(decision.header.step);
-            if is_new
-                && step >= self.ready_step
-                && let Some(sector) = most_wanted(decision.verbal, &decision.verbal_probability)
-            {
-                display.utterances[0] = self.utterance(frame, sector);
-                display.utterance_count = 1;
-                self.ready_step = step + self.interval_steps;
-            }
-        }
-        display.speech_ready_s = self.ready_step.saturating_sub(step) as f32 * self.step_s;
-    }
-
     fn utterance(&mut self, frame: &LidarFrame, sector: usize) -> Utterance {
         self.observation.range = frame.range;
         self.observation.object = frame.object;
@@ -128,10 +85,46 @@ impl Renderer {
     }
 }
 
-/// Whether a decision is for this frame's step, or for one shortly before it that no other has followed.
-fn is_in_force(decision: &CommAction, frame: &LidarFrame) -> bool {
-    let age = frame.header.step.checked_sub(decision.header.step);
-    decision.header.episode == frame.header.episode && age.is_some_and(|age| age <= HOLD_STEPS)
+impl Render for Renderer {
+    type Sensed = LidarFrame;
+
+    fn follows(&self, episode: u32) -> bool {
+        self.episode == Some(episode)
+    }
+
+    fn follow(&mut self, episode: u32, shown: Option<&Display>) {
+        (self.episode, self.ready_step, self.heard_step) = (Some(episode), 0, None);
+        if let Some(shown) = shown.filter(|shown| shown.header.episode == episode) {
+            let steps = (shown.speech_ready_s / self.step_s).round() as u32;
+            self.ready_step = shown.header.step + steps;
+        }
+    }
+
+    /// What `decision` highlights and says is resolved in what the LIDAR sees now.
+    fn render(&mut self, frame: &LidarFrame, decision: Option<&CommAction>, display: &mut Display) {
+        let (episode, step) = (frame.header.episode, frame.header.step);
+        if !self.follows(episode) {
+            self.follow(episode, None);
+        }
+        display.objects = [-1; 16];
+        display.object_count = 0;
+        display.utterance_count = 0;
+        display.highlighted = 0;
+        if let Some(decision) = decision.filter(|decision| is_in_force(decision, &frame.header)) {
+            highlight(frame, decision.visual, display);
+            let is_new =
+                self.heard_step.replace(decision.header.step) != Some(decision.header.step);
+            if is_new
+                && step >= self.ready_step
+                && let Some(sector) = most_wanted(decision.verbal, &decision.verbal_probability)
+            {
+                display.utterances[0] = self.utterance(frame, sector);
+                display.utterance_count = 1;
+                self.ready_step = step + self.interval_steps;
+            }
+        }
+        display.speech_ready_s = self.ready_step.saturating_sub(step) as f32 * self.step_s;
+    }
 }
 
 fn highlight(frame: &LidarFrame, visual: u32, display: &mut Display) {

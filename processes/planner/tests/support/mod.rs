@@ -54,6 +54,7 @@ pub fn options() -> Options {
         seed: 11,
         step_s: 0.15,
         patience_ms: 40,
+        gridworld: None,
     }
 }
 
