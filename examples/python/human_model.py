@@ -29,6 +29,8 @@ from mirror_ports import now_ns, position_of
 from mirror_process import Failure, Node, RunArguments
 
 KIND = b"python"
+#: Numbers of the visual modality.
+LIDAR = BEAMS + EGO_VALUES
 RANGE_M = 40.0
 STEP_S = 0.15
 #: Sectors, by azimuth of 10° anticlockwise from ahead: front, left front, left rear, rear, right rear, right front.
@@ -202,9 +204,9 @@ class Mind:
         ego = (np.ctypeslib.as_array(frame.ego) * EGO_UNIT)[None, :]
         heard, heard_m = np.zeros((1, SECTORS), bool), np.full((1, SECTORS), RANGE_M, np.float32)
         for utterance in display.utterances[: min(display.utterance_count, SECTORS)]:
-            if utterance.sector < SECTORS and utterance.kind <= 2:
-                heard[0, utterance.sector] = True
-                heard_m[0, utterance.sector] = utterance.range_m if utterance.kind > 0 else RANGE_M
+            if utterance.item < SECTORS and utterance.kind <= 2:
+                heard[0, utterance.item] = True
+                heard_m[0, utterance.item] = utterance.range_m if utterance.kind > 0 else RANGE_M
         shown = bits_of(np.array([display.highlighted]))
         self.model.perceive(self.people, did, range_m, ego, shown, heard, heard_m)
         self.expected = self.model.predict(self.people)
@@ -239,18 +241,18 @@ class Mind:
                 return
             people = self.model.spread(known[-1], rows, random)
             if question.action_known:
-                actions = np.tile(np.array(question.action, np.float32), (rows, 1))
+                actions = np.tile(np.array(question.action[:ACTIONS], np.float32), (rows, 1))
             else:
                 actions = self._act(people, random)
         elif question.phase == PERCEIVE and group in self.groups and rows == len(self.groups[group][1]):
             people, before = self.groups[group]
-            lidar = np.ctypeslib.as_array(question.lidar).reshape(MAX_GROUP, BEAMS + EGO_VALUES)[:rows]
+            lidar = np.ctypeslib.as_array(question.visual)[: rows * LIDAR].reshape(rows, LIDAR)
             range_m = RANGE_M * (1 - lidar[:, :BEAMS].reshape(rows, HEIGHT_BANDS, AZIMUTHS).max(axis=1))
             ego = lidar[:, BEAMS:] * (EGO_UNIT / EGO_SCALE)
             told = np.ctypeslib.as_array(question.communicated)[:rows]
             heard = bits_of(told >> 8)
             # Of each sector's 20 numbers the last is the distance, in ranges.
-            verbal = np.ctypeslib.as_array(question.verbal).reshape(MAX_GROUP, VERBAL)[:rows]
+            verbal = np.ctypeslib.as_array(question.verbal)[: rows * VERBAL].reshape(rows, VERBAL)
             each = VERBAL // SECTORS
             heard_m = RANGE_M * np.clip(verbal[:, each - 1 :: each], 0, 1) if heard.any() else RANGE_M
             self.model.perceive(people, unsquash(before), range_m, ego, bits_of(told), heard, heard_m)

@@ -15,6 +15,11 @@ SECTORS = 6
 VERBAL = 120
 LATENT = 128
 ACTIONS = 2
+CHOICES = 4
+VISUAL_NUMBERS = 256
+VERBAL_NUMBERS = 128
+VISUAL_ITEMS = 16
+VERBAL_ITEMS = 8
 MAX_OBJECTS = 64
 MAX_GROUP = 512
 
@@ -53,7 +58,7 @@ class LidarFrame(ctypes.Structure):
 
 
 class Observation(ctypes.Structure):
-    LAYOUT = "mirror/Observation/1 layout fbc530caa7be3e1d"
+    LAYOUT = "mirror/Observation/2 layout 7889ae15c88d7626"
     _fields_ = [
         ("header", Header),
         ("visual", ctypes.c_float * 256),
@@ -66,7 +71,7 @@ class Observation(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/Observation/1"
+        return "mirror/Observation/2"
 
 
 class ObjectPose(ctypes.Structure):
@@ -103,7 +108,7 @@ class Scene(ctypes.Structure):
 
 
 class Outcome(ctypes.Structure):
-    LAYOUT = "mirror/Outcome/1 layout 4e3aaa9ad4a5fe72"
+    LAYOUT = "mirror/Outcome/2 layout ead2f26a1ea596af"
     _fields_ = [
         ("header", Header),
         ("reward", ctypes.c_float),
@@ -115,6 +120,7 @@ class Outcome(ctypes.Structure):
         ("proximity", ctypes.c_float),
         ("road", ctypes.c_float),
         ("collision", ctypes.c_float),
+        ("terms", ctypes.c_float * 4),
         ("collided", ctypes.c_uint32),
         ("end", ctypes.c_uint32),
         ("other", ctypes.c_int32),
@@ -122,35 +128,39 @@ class Outcome(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/Outcome/1"
+        return "mirror/Outcome/2"
 
 
 class RobotBelief(ctypes.Structure):
-    LAYOUT = "mirror/RobotBelief/1 layout a1981f1ab27d71fc"
+    LAYOUT = "mirror/RobotBelief/2 layout 74489725ed2fcf08"
     _fields_ = [
         ("header", Header),
         ("mean", ctypes.c_float * 128),
         ("deviation", ctypes.c_float * 128),
-        ("lidar", ctypes.c_float * 113),
-        ("verbal", ctypes.c_float * 120),
+        ("visual", ctypes.c_float * 256),
+        ("verbal", ctypes.c_float * 128),
         ("reward", ctypes.c_float),
         ("surprise", ctypes.c_float),
         ("latent", ctypes.c_uint32),
+        ("visual_len", ctypes.c_uint32),
+        ("verbal_len", ctypes.c_uint32),
+        ("domain", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/RobotBelief/1"
+        return "mirror/RobotBelief/2"
 
 
 class HumanBelief(ctypes.Structure):
-    LAYOUT = "mirror/HumanBelief/1 layout 0888a31bfb11833e"
+    LAYOUT = "mirror/HumanBelief/2 layout 01cae98203b5e497"
     _fields_ = [
         ("header", Header),
         ("mean", ctypes.c_float * 128),
         ("deviation", ctypes.c_float * 128),
         ("action_mean", ctypes.c_float * 2),
         ("action_deviation", ctypes.c_float * 2),
+        ("probability", ctypes.c_float * 4),
         ("kind", ctypes.c_uint8 * 16),
         ("latent", ctypes.c_uint32),
         ("log_likelihood", ctypes.c_float),
@@ -158,15 +168,15 @@ class HumanBelief(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/HumanBelief/1"
+        return "mirror/HumanBelief/2"
 
 
 class CommAction(ctypes.Structure):
-    LAYOUT = "mirror/CommAction/1 layout 6c8330f8c06de646"
+    LAYOUT = "mirror/CommAction/2 layout ef9a00237a68ea8a"
     _fields_ = [
         ("header", Header),
-        ("visual_probability", ctypes.c_float * 6),
-        ("verbal_probability", ctypes.c_float * 6),
+        ("visual_probability", ctypes.c_float * 16),
+        ("verbal_probability", ctypes.c_float * 8),
         ("visual", ctypes.c_uint32),
         ("verbal", ctypes.c_uint32),
         ("value", ctypes.c_float),
@@ -179,14 +189,14 @@ class CommAction(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/CommAction/1"
+        return "mirror/CommAction/2"
 
 
 class Utterance(ctypes.Structure):
-    LAYOUT = "mirror/Utterance/1 layout 1ee7b36cf21639e8"
+    LAYOUT = "mirror/Utterance/2 layout 1f311620f6b1c6a6"
     _fields_ = [
         ("text", ctypes.c_uint8 * 64),
-        ("sector", ctypes.c_uint32),
+        ("item", ctypes.c_uint32),
         ("kind", ctypes.c_uint32),
         ("range_m", ctypes.c_float),
         ("speed_mps", ctypes.c_float),
@@ -194,14 +204,14 @@ class Utterance(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/Utterance/1"
+        return "mirror/Utterance/2"
 
 
 class Display(ctypes.Structure):
-    LAYOUT = "mirror/Display/1 layout 4ba0ca5267b55df5"
+    LAYOUT = "mirror/Display/2 layout a0901a834dfe7d49"
     _fields_ = [
         ("header", Header),
-        ("utterances", Utterance * 6),
+        ("utterances", Utterance * 8),
         ("utterance_count", ctypes.c_uint32),
         ("highlighted", ctypes.c_uint32),
         ("objects", ctypes.c_int32 * 16),
@@ -211,24 +221,26 @@ class Display(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/Display/1"
+        return "mirror/Display/2"
 
 
 class DriverAction(ctypes.Structure):
-    LAYOUT = "mirror/DriverAction/1 layout 0ac4828fd1867aef"
+    LAYOUT = "mirror/DriverAction/2 layout 8e2b56c09d3f75df"
     _fields_ = [
         ("header", Header),
         ("throttle", ctypes.c_float),
         ("steer", ctypes.c_float),
+        ("choice", ctypes.c_uint32),
+        ("is_choice", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/DriverAction/1"
+        return "mirror/DriverAction/2"
 
 
 class ImagineRequest(ctypes.Structure):
-    LAYOUT = "mirror/ImagineRequest/2 layout 1c27ebc764a3aca7"
+    LAYOUT = "mirror/ImagineRequest/3 layout 29ea1816a708acad"
     _fields_ = [
         ("header", Header),
         ("seed", ctypes.c_uint64),
@@ -236,34 +248,36 @@ class ImagineRequest(ctypes.Structure):
         ("phase", ctypes.c_uint32),
         ("rows", ctypes.c_uint32),
         ("action_known", ctypes.c_uint32),
-        ("action", ctypes.c_float * 2),
+        ("action", ctypes.c_float * 4),
+        ("visual_width", ctypes.c_uint32),
+        ("verbal_width", ctypes.c_uint32),
         ("communicated", ctypes.c_uint32 * 512),
-        ("lidar", ctypes.c_float * 57856),
-        ("verbal", ctypes.c_float * 61440),
+        ("visual", ctypes.c_float * 131072),
+        ("verbal", ctypes.c_float * 65536),
         ("robot_mean", ctypes.c_float * 128),
         ("robot_deviation", ctypes.c_float * 128),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/ImagineRequest/2"
+        return "mirror/ImagineRequest/3"
 
 
 class ImagineAnswer(ctypes.Structure):
-    LAYOUT = "mirror/ImagineAnswer/2 layout b328c2a4e7c79297"
+    LAYOUT = "mirror/ImagineAnswer/3 layout 2bb4119a6e3597e7"
     _fields_ = [
         ("header", Header),
         ("group", ctypes.c_uint32),
         ("rows", ctypes.c_uint32),
         ("status", ctypes.c_uint32),
         ("phase", ctypes.c_uint32),
-        ("action", ctypes.c_float * 1024),
+        ("action", ctypes.c_float * 2048),
         ("divergence", ctypes.c_float * 512),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/ImagineAnswer/2"
+        return "mirror/ImagineAnswer/3"
 
 
 class Control(ctypes.Structure):
@@ -320,6 +334,7 @@ class Report(ctypes.Structure):
 #: The message that travels on each topic.
 TOPICS = {
     "world/lidar": LidarFrame,
+    "world/observation": Observation,
     "world/scene": Scene,
     "world/outcome": Outcome,
     "belief/robot": RobotBelief,
@@ -340,15 +355,15 @@ _PLACES = {
     Observation: (1600, [0, 48, 1072, 1584, 1588, 1592, 1596]),
     ObjectPose: (40, [0, 8, 16, 20, 24, 28, 32, 36]),
     Scene: (2656, [0, 48, 88, 2648, 2652]),
-    Outcome: (96, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 88, 92]),
-    RobotBelief: (2016, [0, 48, 560, 1072, 1524, 2004, 2008, 2012]),
-    HumanBelief: (1112, [0, 48, 560, 1072, 1080, 1088, 1104, 1108]),
-    CommAction: (128, [0, 48, 72, 96, 100, 104, 108, 112, 116, 120, 124]),
+    Outcome: (112, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 100, 104, 108]),
+    RobotBelief: (2632, [0, 48, 560, 1072, 2096, 2608, 2612, 2616, 2620, 2624, 2628]),
+    HumanBelief: (1128, [0, 48, 560, 1072, 1080, 1088, 1104, 1120, 1124]),
+    CommAction: (176, [0, 48, 112, 144, 148, 152, 156, 160, 164, 168, 172]),
     Utterance: (80, [0, 64, 68, 72, 76]),
-    Display: (608, [0, 48, 528, 532, 536, 600, 604]),
-    DriverAction: (56, [0, 48, 52]),
-    ImagineRequest: (480336, [0, 48, 56, 60, 64, 68, 72, 80, 2128, 233552, 479312, 479824]),
-    ImagineAnswer: (6208, [0, 48, 52, 56, 60, 64, 4160]),
+    Display: (768, [0, 48, 688, 692, 696, 760, 764]),
+    DriverAction: (64, [0, 48, 52, 56, 60]),
+    ImagineRequest: (789600, [0, 48, 56, 60, 64, 68, 72, 88, 92, 96, 2144, 526432, 788576, 789088]),
+    ImagineAnswer: (10304, [0, 48, 52, 56, 60, 64, 8256]),
     Control: (64, [0, 48, 52, 56]),
     PortCount: (40, [0, 24, 32]),
     Report: (1080, [0, 48, 64, 320, 960, 1000, 1008, 1016, 1024, 1032, 1064, 1068, 1072, 1076]),

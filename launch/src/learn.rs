@@ -39,8 +39,7 @@ pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
     }
     let plan = || -> Result<_> {
         let out = inputs::writable("--out", &arguments.out)?;
-        let Driving::Simulated(person) =
-            inputs::driver(&format!("sim:{}", arguments.person))?.driving
+        let Driving::Simulated(person) = inputs::driver(&format!("sim:{}", arguments.person))?
         else {
             return Err(anyhow!(
                 "--person {}: not a simulated person",

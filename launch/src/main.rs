@@ -9,6 +9,7 @@ mod failure;
 mod gridworld;
 mod inputs;
 mod learn;
+mod place;
 mod process;
 mod profile;
 mod replay;

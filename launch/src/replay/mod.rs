@@ -45,6 +45,7 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     resolved
         .provide(&drive, &directory)
         .map_err(Failure::refused)?;
+    let items = resolved.items().map_err(Failure::refused)?;
     let screen = Screen::new();
     for warning in &resolved.warnings {
         screen.warn(&format!("mirror: {warning}"));
@@ -58,7 +59,7 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     ended?;
     let rows = ::replay::load_rows(&rows).context("the replay's rows")?;
     launcher.clean()?;
-    let mut report = Report::new(&drive, &resolved, rows);
+    let mut report = Report::new(&drive, &resolved, items, rows);
     report.wall_seconds = (now_ns() - started) as f64 * 1e-9;
     screen.line(&report.text(arguments.lines));
     if let Some(path) = &summary {

@@ -1,8 +1,8 @@
 //! What a replay found: a table for people, and all of it as JSON.
 
 use super::resolve::{Resolved, method_name};
+use crate::place::ItemNames;
 use anyhow::{Context, Result};
-use domains::highway::speech::SECTOR_NAMES;
 use recorder::setup::KEY;
 use replay::{Decision, Drive, Part, Row};
 use serde::Serialize;
@@ -121,15 +121,18 @@ pub struct Report {
     pub step_s: f32,
     /// Every step.
     pub step_list: Vec<Row>,
+    /// What can be communicated.
+    #[serde(skip)]
+    items: ItemNames,
 }
 
 impl Report {
     /// Puts it together.
-    pub fn new(drive: &Drive, resolved: &Resolved, rows: Vec<Row>) -> Self {
+    pub fn new(drive: &Drive, resolved: &Resolved, items: ItemNames, rows: Vec<Row>) -> Self {
         let whole = drive
             .steps
             .values()
-            .filter(|step| step.lidar.is_some() || step.display.is_some());
+            .filter(|step| step.seen.is_some() || step.display.is_some());
         let mut about = drive.found.about.clone();
         about.remove(KEY);
         let recorded_model = resolved.setup.files.get(super::setup::SELF_MODEL);
@@ -168,6 +171,7 @@ impl Report {
             wall_seconds: 0.0,
             step_s: resolved.planner.step_s,
             step_list: rows,
+            items,
         };
         report.compare();
         report
@@ -267,6 +271,17 @@ impl Report {
         }
     }
 
+    /// What the letters stand for.
+    fn legend(&self) -> String {
+        if self.items.word == ItemNames::SECTORS.word {
+            return "F front, L left, R right or rear: LF is left-front, RR right-rear".to_owned();
+        }
+        let both = self.items.visual.iter().chain(self.items.verbal);
+        let mut names: Vec<_> = both.map(|name| format!("{} {name}", short(name))).collect();
+        names.dedup();
+        names.join(", ")
+    }
+
     fn write_steps(&self, lines: usize, out: &mut String) {
         let differs = |row: &&Row| row.then.is_some_and(|then| !then.says_the_same(&row.now));
         let rows: Vec<_> = self.step_list.iter().filter(differs).collect();
@@ -275,8 +290,13 @@ impl Report {
         }
         let _ = writeln!(
             out,
-            "\nF front, L left, R right or rear: LF is left-front, RR right-rear\nepisode  step   time s  {:<34}{:<34}{:>15}{:>13}{:>17}",
-            "said then", "would be said now", "value then/now", "cost", "log p(action)"
+            "\n{}\nepisode  step   time s  {:<34}{:<34}{:>15}{:>13}{:>17}",
+            self.legend(),
+            "said then",
+            "would be said now",
+            "value then/now",
+            "cost",
+            "log p(action)"
         );
         for row in rows.iter().take(lines) {
             let (Some(then), now) = (row.then, row.now) else {
@@ -290,8 +310,8 @@ impl Report {
                 row.episode,
                 row.step + 1,
                 f64::from(row.step + 1) * f64::from(self.step_s),
-                said(&then),
-                said(&now),
+                said(&then, self.items),
+                said(&now, self.items),
                 or_dash(is_planned(&then).then_some(then.value)),
                 or_dash(is_planned(&now).then_some(now.value)),
                 then.cost,
@@ -324,12 +344,12 @@ impl Report {
             count(self.compared_decisions),
         );
         line(
-            "sectors highlighted × steps",
+            &format!("{} highlighted × steps", self.items.word),
             count(then.visual_items),
             count(now.visual_items),
         );
         line(
-            "sectors to speak about × steps",
+            &format!("{} to speak about × steps", self.items.word),
             count(then.verbal_items),
             count(now.verbal_items),
         );
@@ -427,12 +447,12 @@ fn is_planned(decision: &Decision) -> bool {
 }
 
 /// A decision in words.
-fn said(decision: &Decision) -> String {
-    let sectors = |bits: u32| {
-        let named = SECTOR_NAMES
+fn said(decision: &Decision, items: ItemNames) -> String {
+    let listed = |bits: u32, names: &[&str]| {
+        let named = names
             .iter()
             .enumerate()
-            .filter(|(sector, _)| bits >> sector & 1 == 1);
+            .filter(|(item, _)| bits >> item & 1 == 1);
         named
             .map(|(_, name)| short(name))
             .collect::<Vec<_>>()
@@ -440,10 +460,10 @@ fn said(decision: &Decision) -> String {
     };
     let mut parts = Vec::new();
     if decision.visual != 0 {
-        parts.push(format!("show {}", sectors(decision.visual)));
+        parts.push(format!("show {}", listed(decision.visual, items.visual)));
     }
     if decision.verbal != 0 {
-        parts.push(format!("say {}", sectors(decision.verbal)));
+        parts.push(format!("say {}", listed(decision.verbal, items.verbal)));
     }
     match (parts.is_empty(), decision.reason) {
         (true, HUMAN_SILENT) => "nothing (no answer)".to_owned(),
@@ -452,9 +472,9 @@ fn said(decision: &Decision) -> String {
     }
 }
 
-/// `left-front` as `LF`.
+/// `left-front` as `LF`, `top left` as `TL`.
 fn short(name: &str) -> String {
-    name.split('-')
+    name.split(['-', ' '])
         .filter_map(|word| word.chars().next())
         .map(|letter| letter.to_ascii_uppercase())
         .collect()

@@ -2,8 +2,9 @@
 
 use super::setup::{IMPLANTS, SELF_MODEL};
 use crate::cli::{PlannerKind, ReplayArguments};
+use crate::gridworld::inputs::shipped_self_model;
 use crate::inputs;
-use crate::learn;
+use crate::place::{self, ItemNames, Place, Who};
 use anyhow::{Context, Result, anyhow, bail};
 use driver::Driving;
 use models::Kind;
@@ -69,7 +70,15 @@ impl Resolved {
             Some(text) => inputs::human("--human", text)?,
             None => human.kind,
         };
-        let (model, self_model) = self_model(arguments, &setup, &mut differences, &mut warnings)?;
+        if arguments.planner == Some(PlannerKind::Kl) && belief.gridworld.is_some() {
+            bail!("--planner kl: belief matching is for the highway, and {file} is of a gridworld");
+        }
+        let shipped = match &belief.gridworld {
+            None => inputs::pretrained().join("highway-self.safetensors"),
+            Some(scene) => shipped_self_model(scene.domain()),
+        };
+        let (model, self_model) =
+            self_model(arguments, &setup, &shipped, &mut differences, &mut warnings)?;
         belief.model.clone_from(&model);
         human.model.clone_from(&model);
         planner.model = Some(model);
@@ -191,19 +200,40 @@ impl Resolved {
         let kind = self.human.kind;
         let world: world::Options = options(&self.setup, "world", recording)?;
         let driver: driver::Options = options(&self.setup, "driver", recording)?;
-        let Driving::Simulated(person) = &driver.person else {
+        let place = match world.place {
+            world::Place::Highway(road) => {
+                let mut scene = road.scene;
+                if let Some(file) = &road.recording {
+                    let scenario = domains::commonroad::Scenario::read(file)?;
+                    scene.course = Some(std::sync::Arc::new(scenario.course(road.seat)?));
+                }
+                Place::Highway(scene, road.recording)
+            }
+            world::Place::Gridworld(scene) => {
+                let layout = models::words::layout_of(&scene)?;
+                Place::Gridworld(scene, layout)
+            }
+        };
+        let who = match driver.place {
+            driver::Place::Highway(seat) => Who::Driving(seat.person),
+            driver::Place::Gridworld(role) => Who::Acting(role.person),
+        };
+        if let Who::Driving(Driving::Recorded(_)) = who {
             bail!(
                 "--human {} needs --implants for a recorded driver",
                 kind.name()
             );
-        };
-        let model = models::checkpoint::load_self_model(&self.human.model)?;
-        let mut scene = world.scene;
-        if let Some(file) = &world.recording {
-            let scenario = domains::commonroad::Scenario::read(file)?;
-            scene.course = Some(std::sync::Arc::new(scenario.course(world.seat)?));
         }
-        learn::at_start(&scene, person, kind, &model, path)
+        let (_, model) = place::self_model(Some(&self.human.model), &place)?;
+        place::learn_at_start(&place, &who, kind, &model, path)
+    }
+
+    /// What can be communicated.
+    pub fn items(&self) -> Result<ItemNames> {
+        Ok(match &self.belief.gridworld {
+            None => ItemNames::SECTORS,
+            Some(scene) => ItemNames::of(&*models::words::layout_of(scene)?),
+        })
     }
 }
 
@@ -236,6 +266,7 @@ fn options<T: DeserializeOwned>(setup: &Setup, process: &str, recording: &Path) 
 fn self_model(
     arguments: &ReplayArguments,
     setup: &Setup,
+    shipped: &Path,
     differences: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result<(PathBuf, String)> {
@@ -258,10 +289,9 @@ fn self_model(
         }
         return Ok((path, now));
     }
-    let shipped = inputs::pretrained().join("highway-self.safetensors");
-    for path in [&recorded.path, &shipped] {
+    for path in [recorded.path.as_path(), shipped] {
         if digest(path).is_ok_and(|now| now == recorded.blake3) {
-            return Ok((path.clone(), recorded.blake3.clone()));
+            return Ok((path.to_owned(), recorded.blake3.clone()));
         }
     }
     let ModelFile {

@@ -3,7 +3,8 @@
 use crate::process::NAMES;
 use anyhow::Result;
 use messages::{
-    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, RobotBelief, topic,
+    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Observation, RobotBelief,
+    topic,
 };
 use runtime::{Input, InputOptions, Launcher, Position};
 
@@ -29,6 +30,27 @@ struct Track<M: Message> {
     /// Steps that were left out so far: the last words of one sender may be read after the first of the next.
     missing: Vec<Position>,
     step_ns: u64,
+}
+
+/// A track of whichever message a domain's world sends.
+trait Follow {
+    fn update(&mut self) -> Result<()>;
+    fn head(&self) -> Head;
+    fn forget_gap(&mut self);
+}
+
+impl<M: Message> Follow for Track<M> {
+    fn update(&mut self) -> Result<()> {
+        Self::update(self)
+    }
+
+    fn head(&self) -> Head {
+        self.head
+    }
+
+    fn forget_gap(&mut self) {
+        self.head.longest_ns = 0;
+    }
 }
 
 impl<M: Message> Track<M> {
@@ -78,7 +100,7 @@ impl<M: Message> Track<M> {
 
 /// The heads of all processes but the recorder, which speaks of nothing.
 pub struct Heads {
-    world: Track<LidarFrame>,
+    world: Box<dyn Follow>,
     driver: Track<DriverAction>,
     belief: Track<RobotBelief>,
     human: Track<HumanBelief>,
@@ -92,9 +114,16 @@ impl Heads {
     ///
     /// # Errors
     /// When a port cannot be made.
-    pub fn new(launcher: &Launcher, step_ns: u64) -> Result<Self> {
+    pub fn new(launcher: &Launcher, step_ns: u64, is_gridworld: bool) -> Result<Self> {
+        let world: Box<dyn Follow> = if is_gridworld {
+            let track = Track::<Observation>::new(launcher, topic::OBSERVATION, step_ns)?;
+            Box::new(track)
+        } else {
+            let track = Track::<LidarFrame>::new(launcher, topic::LIDAR, step_ns)?;
+            Box::new(track)
+        };
         Ok(Self {
-            world: Track::new(launcher, topic::LIDAR, step_ns)?,
+            world,
             driver: Track::new(launcher, topic::DRIVER_ACTION, step_ns)?,
             belief: Track::new(launcher, topic::ROBOT_BELIEF, step_ns)?,
             human: Track::new(launcher, topic::HUMAN_BELIEF, step_ns)?,
@@ -124,7 +153,7 @@ impl Heads {
             "human" => self.human.head,
             "planner" => self.planner.head,
             "renderer" => self.renderer.head,
-            _ => self.world.head,
+            _ => self.world.head(),
         }
     }
 
@@ -135,8 +164,8 @@ impl Heads {
 
     /// Measures the longest time between two messages anew.
     pub fn forget_gaps(&mut self) {
+        self.world.forget_gap();
         for head in [
-            &mut self.world.head,
             &mut self.driver.head,
             &mut self.belief.head,
             &mut self.human.head,

@@ -2,11 +2,12 @@
 
 use super::door::Replacement;
 use crate::cli::{Clock, PlannerKind, UpArguments};
-use crate::inputs::{self, ImplantSource, NamedDriver, NamedScene};
-use crate::learn;
+use crate::inputs;
+use crate::place::{self, ImplantSource, NamedPerson, NamedScene, Place, RobotModel, Who};
 use crate::process::NAMES;
 use anyhow::{Context, Result, bail, ensure};
-use models::{Kind, SelfModel};
+use domains::highway::Scene;
+use models::Kind;
 use planning::Settings;
 use recorder::recording::About;
 use recorder::setup::Setup;
@@ -15,7 +16,6 @@ use runtime::{ClockMode, RunArguments};
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// A run that can be started.
 #[derive(Clone)]
@@ -23,7 +23,7 @@ pub struct Plan {
     /// Where.
     pub scene: NamedScene,
     /// Who drives.
-    pub driver: NamedDriver,
+    pub driver: NamedPerson,
     /// The model of the person.
     pub human: Kind,
     /// How to decide.
@@ -31,7 +31,7 @@ pub struct Plan {
     /// Settings of the planner.
     pub settings: Settings,
     /// The robot's self-model: its file, and itself.
-    pub self_model: (PathBuf, Arc<SelfModel>),
+    pub self_model: (PathBuf, RobotModel),
     /// What the human model learned of the person.
     pub implants: ImplantSource,
     /// Episodes to drive.
@@ -64,18 +64,17 @@ impl Plan {
     /// # Errors
     /// Names the option, or the file and the place in it, that cannot be used.
     pub fn resolve(arguments: &UpArguments) -> Result<Self> {
-        let driver = inputs::driver(&arguments.driver)?;
-        let scene = inputs::scene(&arguments.scene, arguments.fog, &driver.driving)?;
-        let settings = inputs::settings(&scene)?;
+        let (scene, driver) = place::scene(&arguments.scene, arguments.fog, &arguments.driver)?;
+        let settings = place::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
-        let (path, model) = inputs::self_model(arguments.self_model.as_deref())?;
-        let self_model = (path, Arc::new(model));
-        let implants = inputs::implants(
+        let self_model = place::self_model(arguments.self_model.as_deref(), &scene.place)?;
+        let implants = place::implants(
             arguments.implants.as_deref(),
             human,
-            &driver.driving,
+            &driver.who,
             &self_model.1,
         )?;
+        check_planner(arguments.planner, &scene)?;
         ensure!(
             arguments.planner != PlannerKind::Kl || human.is_self_model(),
             "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
@@ -119,7 +118,7 @@ impl Plan {
     /// # Errors
     /// When that is not possible.
     pub fn learn(&mut self, run: &RunArguments) -> Result<()> {
-        let ImplantSource::Learn(person) = &self.implants else {
+        let ImplantSource::Learn(who) = &self.implants else {
             return Ok(());
         };
         let model = &self.self_model.1;
@@ -128,7 +127,7 @@ impl Plan {
             .map(|n| run.directory().join(format!("learned.{n}.safetensors")))
             .find(|path| !path.exists())
             .context("a name for what is learned")?;
-        learn::at_start(&self.scene.scene, person, self.human, model, &path)?;
+        place::learn_at_start(&self.scene.place, who, self.human, model, &path)?;
         self.implants = ImplantSource::File(path);
         Ok(())
     }
@@ -164,15 +163,18 @@ impl Plan {
         match name {
             "human" => {
                 changed.human = inputs::human("swap human", kind)?;
-                changed.implants = inputs::implants(
+                changed.implants = place::implants(
                     asked.implants.as_deref(),
                     changed.human,
-                    &self.driver.driving,
+                    &self.driver.who,
                     &self.self_model.1,
                 )?;
             }
-            "planner" => changed.planner = inputs::planner(kind)?,
-            "driver" => changed.driver = inputs::driver(kind)?,
+            "planner" => {
+                changed.planner = inputs::planner(kind)?;
+                check_planner(changed.planner, &self.scene)?;
+            }
+            "driver" => changed.driver = place::who(kind, &self.scene)?,
             _ => bail!("swap {name} {kind}: there is only `same`, or another program by --exec"),
         }
         Ok(changed)
@@ -206,24 +208,20 @@ impl Plan {
             spin_us: self.spin_us,
             ..run.for_process(process, index as u32)
         };
-        let scene = self.scene.scene.clone();
-        let recording = self.scene.recording.clone();
+        let gridworld = self.scene.gridworld().cloned();
         let with_options = match process {
             "world" => plain.with_options(&world::Options {
-                seat: scene.seat,
-                scene,
-                recording,
+                place: self.world(),
                 episodes: self.episodes,
                 seed: self.seed,
             }),
             "driver" => plain.with_options(&driver::Options {
-                scene,
-                recording,
-                person: self.driver.driving.clone(),
+                place: self.seat()?,
                 seed: self.seed,
             }),
             "belief" => plain.with_options(&belief::Options {
                 model: self.self_model.0.clone(),
+                gridworld,
             }),
             "human" => plain.with_options(&human::Options {
                 kind: self.human,
@@ -233,6 +231,8 @@ impl Plan {
                     ImplantSource::File(path) => Some(path.clone()),
                     ImplantSource::Learn(_) => bail!("the human model has not learned yet"),
                 },
+                gridworld,
+                seed: self.seed,
             }),
             "planner" => plain.with_options(&planner::Options {
                 method: match self.planner {
@@ -243,24 +243,66 @@ impl Plan {
                 model: Some(self.self_model.0.clone()),
                 settings: self.settings,
                 seed: self.seed,
-                step_s: scene.step_s() as f32,
+                step_s: self.scene.step_s() as f32,
                 patience_ms: 50,
+                gridworld,
             }),
             "renderer" => plain.with_options(&renderer::Options {
-                step_s: scene.step_s() as f32,
-                speech_interval_s: scene.communication.speech_interval_s as f32,
+                step_s: self.scene.step_s() as f32,
+                speech_interval_s: match &self.scene.place {
+                    Place::Highway(scene, _) => scene.communication.speech_interval_s as f32,
+                    Place::Gridworld(..) => 0.0,
+                },
                 print: !self.quiet,
+                gridworld,
             }),
             "recorder" => plain.with_options(&recorder::Options {
                 record: self.record.clone(),
                 result: Some(self.recorder_result(run)),
                 about: self.about(run)?,
-                road: road_lines(&self.scene)?,
+                road: match &self.scene.place {
+                    Place::Highway(scene, _) => {
+                        road_lines(scene).with_context(|| self.scene.name.clone())?
+                    }
+                    Place::Gridworld(..) => Vec::new(),
+                },
                 ..recorder::Options::default()
             }),
             other => bail!("there is no process {other:?}"),
         };
         with_options.with_context(|| format!("options of {process}"))
+    }
+
+    /// The world, for its process.
+    fn world(&self) -> world::Place {
+        match &self.scene.place {
+            Place::Highway(scene, recording) => world::Place::Highway(world::Road {
+                seat: scene.seat,
+                scene: scene.clone(),
+                recording: recording.clone(),
+            }),
+            Place::Gridworld(scene, _) => world::Place::Gridworld(scene.clone()),
+        }
+    }
+
+    /// The person and where they are, for their process.
+    fn seat(&self) -> Result<driver::Place> {
+        Ok(match (&self.scene.place, &self.driver.who) {
+            (Place::Highway(scene, recording), Who::Driving(person)) => {
+                driver::Place::Highway(driver::Seat {
+                    scene: scene.clone(),
+                    recording: recording.clone(),
+                    person: person.clone(),
+                })
+            }
+            (Place::Gridworld(scene, _), Who::Acting(person)) => {
+                driver::Place::Gridworld(driver::Role {
+                    scene: scene.clone(),
+                    person: person.clone(),
+                })
+            }
+            _ => bail!("{} is not at home in this scene", self.driver.name),
+        })
     }
 
     /// Where the recorder says what it recorded.
@@ -289,6 +331,16 @@ impl Plan {
     }
 }
 
+/// Belief matching tries every version of what could be communicated, which only the highway has few enough of.
+fn check_planner(planner: PlannerKind, scene: &NamedScene) -> Result<()> {
+    ensure!(
+        planner != PlannerKind::Kl || scene.gridworld().is_none(),
+        "--planner kl: belief matching is for the highway, and scene {} is a gridworld",
+        scene.name
+    );
+    Ok(())
+}
+
 /// `--exec PROCESS=COMMAND`, each process at most once.
 fn replacements(given: &[String]) -> Result<BTreeMap<&'static str, String>> {
     let mut exec = BTreeMap::new();
@@ -313,17 +365,13 @@ fn replacements(given: &[String]) -> Result<BTreeMap<&'static str, String>> {
 }
 
 /// The road's lines, for the recording's picture.
-fn road_lines(scene: &NamedScene) -> Result<Vec<RoadLine>> {
+fn road_lines(scene: &Scene) -> Result<Vec<RoadLine>> {
     const STEP_M: f64 = 5.0;
     let built;
-    let road = match &scene.scene.course {
+    let road = match &scene.course {
         Some(course) => &course.road,
         None => {
-            built = scene
-                .scene
-                .road
-                .build()
-                .with_context(|| scene.name.clone())?;
+            built = scene.road.build()?;
             &built
         }
     };

@@ -55,10 +55,9 @@ impl<'a> Run<'a> {
     /// # Errors
     /// When one cannot be started.
     pub fn open(plan: Plan, launcher: &'a mut Launcher, screen: &'a Screen) -> Result<Self> {
-        let step_s = plan.scene.scene.step_s();
-        let step_ns = (1e9 * step_s / plan.scene.scene.clock.rate) as u64;
-        let tally = Tally::new(launcher, step_s)?;
-        let heads = Heads::new(launcher, step_ns)?;
+        let tally = Tally::new(launcher, plan.scene.step_s(), plan.scene.items())?;
+        let is_gridworld = plan.scene.gridworld().is_some();
+        let heads = Heads::new(launcher, plan.scene.step_ns(), is_gridworld)?;
         let door = Door::open(&launcher.arguments().directory())?;
         let supervisor = Supervisor::new(plan.restarts);
         let mut children = Children::new();

@@ -4,9 +4,9 @@ use super::plan::Plan;
 use super::supervise::Death;
 use super::swap::SwapReport;
 use super::tally::{Episode, Tally};
+use crate::place::ItemNames;
 use crate::process::NAMES;
 use anyhow::{Context, Result};
-use domains::highway::speech::SECTOR_NAMES;
 use messages::Report;
 use recorder::result::RecorderResult;
 use runtime::{ClockMode, text_of};
@@ -86,7 +86,7 @@ pub struct Summary {
     pub collisions: u64,
     /// Mean over episodes of an episode's summed reward.
     pub reward_mean: f64,
-    /// Sectors highlighted, summed over steps.
+    /// Visual items shown (on the highway, sectors highlighted), summed over steps.
     pub visual_items: u64,
     /// Utterances.
     pub verbal_items: u64,
@@ -120,6 +120,9 @@ pub struct Summary {
     pub recording: Option<RecorderResult>,
     /// What happened in each episode.
     pub episode_list: Vec<Episode>,
+    /// What can be communicated.
+    #[serde(skip)]
+    items: ItemNames,
 }
 
 /// What the launcher learned besides the tally.
@@ -203,6 +206,7 @@ impl Summary {
             processes: BTreeMap::new(),
             recording: ending.recording,
             episode_list: tally.episodes.clone(),
+            items: tally.items,
             deaths: ending.deaths,
             swaps: ending.swaps,
         };
@@ -300,17 +304,14 @@ impl Summary {
             for said in said {
                 let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
             }
-            for sector in SECTOR_NAMES {
-                let mut of_sector = shown
-                    .iter()
-                    .filter(|shown| shown.sector == sector)
-                    .peekable();
-                if let Some(first) = of_sector.peek() {
+            for name in self.items.visual {
+                let mut of_item = shown.iter().filter(|shown| shown.item == *name).peekable();
+                if let Some(first) = of_item.peek() {
                     let from_s = first.time_s;
-                    let lit_s = of_sector.fold(0.0, |sum, shown| sum + shown.duration_s);
+                    let lit_s = of_item.fold(0.0, |sum, shown| sum + shown.duration_s);
                     let _ = writeln!(
                         out,
-                        "         {from_s:>6.2} s  highlighted {sector}, for {lit_s:.1} s in all"
+                        "         {from_s:>6.2} s  highlighted {name}, for {lit_s:.1} s in all"
                     );
                 }
             }
@@ -342,7 +343,8 @@ impl Summary {
         );
         let _ = writeln!(
             out,
-            "highlighted sectors × steps {} · utterances {} · cost {:.1} · missed deadlines {} · restarts {}",
+            "highlighted {} × steps {} · utterances {} · cost {:.2} · missed deadlines {} · restarts {}",
+            self.items.word,
             self.visual_items,
             self.verbal_items,
             self.communication_cost,

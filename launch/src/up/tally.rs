@@ -1,8 +1,8 @@
 //! Counts what happens in a run from the messages themselves: rewards, collisions, what was shown and said, and when.
 
+use crate::place::ItemNames;
 use anyhow::Result;
-use domains::highway::speech::SECTOR_NAMES;
-use messages::{CommAction, Display, Outcome, topic};
+use messages::{CommAction, Display, Outcome, VISUAL_ITEMS, topic};
 use runtime::{Input, InputOptions, Launcher, StageTimer, text_of};
 use serde::Serialize;
 
@@ -11,21 +11,21 @@ use serde::Serialize;
 pub struct Said {
     /// Simulated seconds since the episode began.
     pub time_s: f64,
-    /// The sector that it was about.
-    pub sector: &'static str,
+    /// The item that it was about: on the highway, a sector.
+    pub item: &'static str,
     /// The words.
     pub text: String,
 }
 
-/// A sector highlighted without a break.
+/// A visual item shown without a break: on the highway, a highlighted sector.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Shown {
     /// Simulated seconds since the episode began.
     pub time_s: f64,
     /// How long, in simulated seconds.
     pub duration_s: f64,
-    /// The sector.
-    pub sector: &'static str,
+    /// The item.
+    pub item: &'static str,
 }
 
 /// An episode.
@@ -41,7 +41,7 @@ pub struct Episode {
     pub hit: Option<i32>,
     /// Sum of the rewards.
     pub reward: f64,
-    /// Sectors highlighted, summed over steps.
+    /// Visual items shown, summed over steps.
     pub visual_items: u64,
     /// Utterances.
     pub verbal_items: u64,
@@ -51,9 +51,9 @@ pub struct Episode {
     pub said: Vec<Said>,
     /// Highlights, in order of their beginnings.
     pub shown: Vec<Shown>,
-    /// For each sector, the place in `shown` of the highlight that lasts.
+    /// For each visual item, the place in `shown` of the highlight that lasts.
     #[serde(skip)]
-    lit: [Option<usize>; SECTOR_NAMES.len()],
+    lit: [Option<usize>; VISUAL_ITEMS],
     /// Step and cost of the newest decision.
     #[serde(skip)]
     decided: (u32, f64),
@@ -65,6 +65,8 @@ pub struct Tally {
     display: Input<Display>,
     decision: Input<CommAction>,
     step_s: f64,
+    /// What can be communicated.
+    pub items: ItemNames,
     /// Every episode that began.
     pub episodes: Vec<Episode>,
     /// From the world's sensing to the display that shows it, in ns.
@@ -78,12 +80,13 @@ impl Tally {
     ///
     /// # Errors
     /// When a port cannot be made.
-    pub fn new(launcher: &Launcher, step_s: f64) -> Result<Self> {
+    pub fn new(launcher: &Launcher, step_s: f64, items: ItemNames) -> Result<Self> {
         Ok(Self {
             outcome: launcher.input_with(topic::OUTCOME, InputOptions::recorder())?,
             display: launcher.input_with(topic::DISPLAY, InputOptions::recorder())?,
             decision: launcher.input_with(topic::COMM_ACTION, InputOptions::recorder())?,
             step_s,
+            items,
             episodes: Vec::new(),
             sensing_to_display: StageTimer::new(),
             sensing_to_decision: StageTimer::new(),
@@ -113,7 +116,11 @@ impl Tally {
                     .sent_ns
                     .saturating_sub(display.header.cause_ns),
             );
-            entry(&mut self.episodes, display.header.episode).show(display, self.step_s);
+            entry(&mut self.episodes, display.header.episode).show(
+                display,
+                self.step_s,
+                self.items,
+            );
         }
         while let Some(outcome) = self.outcome.next()? {
             entry(&mut self.episodes, outcome.header.episode).step(outcome);
@@ -176,19 +183,19 @@ impl Episode {
         }
     }
 
-    fn show(&mut self, display: &Display, step_s: f64) {
+    fn show(&mut self, display: &Display, step_s: f64, items: ItemNames) {
         let time_s = f64::from(display.header.step) * step_s;
-        for (sector, name) in SECTOR_NAMES.into_iter().enumerate() {
-            if display.highlighted >> sector & 1 == 0 {
-                self.lit[sector] = None;
+        for (item, name) in items.visual.iter().enumerate().take(VISUAL_ITEMS) {
+            if display.highlighted >> item & 1 == 0 {
+                self.lit[item] = None;
                 continue;
             }
             self.visual_items += 1;
-            let place = *self.lit[sector].get_or_insert_with(|| {
+            let place = *self.lit[item].get_or_insert_with(|| {
                 self.shown.push(Shown {
                     time_s,
                     duration_s: 0.0,
-                    sector: name,
+                    item: name,
                 });
                 self.shown.len() - 1
             });
@@ -200,13 +207,14 @@ impl Episode {
             .take(display.utterance_count as usize)
         {
             self.verbal_items += 1;
-            let sector = SECTOR_NAMES
-                .get(utterance.sector as usize)
+            let name = items
+                .verbal
+                .get(utterance.item as usize)
                 .copied()
                 .unwrap_or("?");
             self.said.push(Said {
                 time_s,
-                sector,
+                item: name,
                 text: text_of(&utterance.text),
             });
         }

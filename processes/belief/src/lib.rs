@@ -1,23 +1,32 @@
 //! The belief process: follows the world with the robot's self-model, z^R_k ~ q_φ(z_{k−1}, a_{k−1}, x_k), from all that
-//! the LIDAR senses and nothing that is said (DESIGN §11).
+//! the robot senses. On the highway nothing that is said belongs to it (DESIGN §11).
 
+mod follow;
+mod gridworld;
 mod tracker;
 
+pub use follow::Follow;
+pub use gridworld::GridTracker;
 pub use tracker::Tracker;
 
-use anyhow::Result;
-use messages::{DriverAction, LidarFrame, RobotBelief, topic};
+use anyhow::{Result, ensure};
+use domains::discrete::Scene;
+use messages::{DriverAction, RobotBelief, Sensed, topic};
 use models::SelfModel;
+use models::discrete::DiscreteModel;
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// What the process needs besides its place in the run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// The self-model's file.
     pub model: PathBuf,
+    /// The gridworld's scene; none on the highway.
+    #[serde(default)]
+    pub gridworld: Option<Scene>,
 }
 
 /// Joins the run and follows the world until it ends.
@@ -25,8 +34,16 @@ pub struct Options {
 /// # Errors
 /// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    join(arguments, |node| {
-        follow(node, models::checkpoint::load_self_model(&options.model)?)
+    join(arguments, |node| match &options.gridworld {
+        None => {
+            let model = models::checkpoint::load_self_model(&options.model)?;
+            follow(node, Tracker::new(model))
+        }
+        Some(scene) => {
+            let layout = models::words::layout_of(scene)?;
+            let model = DiscreteModel::load(&options.model, layout)?;
+            follow(node, GridTracker::new(model))
+        }
     })
 }
 
@@ -35,7 +52,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: SelfModel) -> Result<()> {
-    join(arguments, |node| follow(node, model))
+    join(arguments, |node| follow(node, Tracker::new(model)))
 }
 
 fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
@@ -48,27 +65,33 @@ fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) ->
     result
 }
 
-fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
+fn follow<F: Follow>(node: &mut Node, mut tracker: F) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep {
         Receive::InOrder
     } else {
         Receive::Newest
     };
-    let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
+    let mut world = node.input::<F::Sensed>(F::Sensed::TOPIC, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF)?;
-    let mut tracker = Tracker::new(model);
 
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    while node.wait(&mut [&mut lidar], None)? != Wake::Stop {
-        lidar.take()?;
-        let Some(frame) = lidar.message() else {
+    while node.wait(&mut [&mut world], None)? != Wake::Stop {
+        world.take()?;
+        let (Some(sensed), Some(header)) = (world.message(), world.header()) else {
             continue;
         };
-        let (episode, step) = (frame.header.episode, frame.header.step);
+        ensure!(
+            sensed.measure() == tracker.measure(),
+            "{}: domain, visual and verbal numbers are {:?}, the self-model's are {:?}",
+            F::Sensed::TOPIC,
+            sensed.measure(),
+            tracker.measure()
+        );
+        let (episode, step) = (header.episode, header.step);
         // Who joins in the middle of an episode begins with what is sensed there.
         if step > 0 && tracker.follows(episode) {
             // In real time a late action is not waited for: the newest there is counts.
@@ -77,11 +100,8 @@ fn follow(node: &mut Node, model: SelfModel) -> Result<()> {
                 break;
             }
         }
-        let previous = actions
-            .message()
-            .map_or([0.0; 2], |a| [a.throttle, a.steer]);
-        beliefs.send_with(Stamp::of(&frame.header), |out| {
-            tracker.observe(frame, previous, out)
+        beliefs.send_with(Stamp::of(header), |out| {
+            tracker.observe(sensed, actions.message(), out)
         })?;
         node.end_step();
     }

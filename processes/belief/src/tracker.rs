@@ -1,6 +1,7 @@
 //! Turns a LIDAR frame into the robot's belief, without allocating.
 
-use messages::{LidarFrame, RobotBelief};
+use crate::follow::Follow;
+use messages::{DriverAction, LidarFrame, Message, RobotBelief, Sensed, domain};
 use models::observation::{Encoded, read_visual};
 use models::self_model::Decoder;
 use models::{Filter, Observations, SelfModel};
@@ -41,11 +42,6 @@ impl Tracker {
         }
     }
 
-    /// Whether there is a belief about this episode yet.
-    pub fn follows(&self, episode: u32) -> bool {
-        self.episode == Some(episode)
-    }
-
     /// Updates z^R with `frame`, given the action that the person took one step before (ignored at an episode's start),
     /// and writes what is believed into `out`, all but the header.
     pub fn observe(&mut self, frame: &LidarFrame, previous: [f32; 2], out: &mut RobotBelief) {
@@ -72,11 +68,37 @@ impl Tracker {
         out.latent = latent as u32;
         out.mean[..latent].copy_from_slice(z.column(0));
         out.deviation[..latent].copy_from_slice(self.filter.deviation.column(0));
-        out.verbal.copy_from_slice(self.decoded.verbal.column(0));
+        let verbal = self.decoded.verbal.column(0);
+        out.verbal[..verbal.len()].copy_from_slice(verbal);
+        out.verbal_len = verbal.len() as u32;
+        out.domain = domain::HIGHWAY;
         out.reward = self.reward.column(0)[0];
         let (decoded, sensed) = (self.decoded.visual.column(0), self.sensed.visual.column(0));
-        read_visual(decoded, &mut out.lidar);
+        read_visual(decoded, &mut out.visual[..decoded.len()]);
+        out.visual_len = decoded.len() as u32;
         let squared = decoded.iter().zip(sensed).map(|(a, b)| (a - b) * (a - b));
         out.surprise = squared.sum::<f32>() / sensed.len() as f32;
+    }
+}
+
+impl Follow for Tracker {
+    type Sensed = LidarFrame;
+
+    fn measure(&self) -> [u32; 3] {
+        LidarFrame::ZERO.measure()
+    }
+
+    fn follows(&self, episode: u32) -> bool {
+        self.episode == Some(episode)
+    }
+
+    fn observe(
+        &mut self,
+        frame: &LidarFrame,
+        previous: Option<&DriverAction>,
+        out: &mut RobotBelief,
+    ) {
+        let previous = previous.map_or([0.0; 2], |action| [action.throttle, action.steer]);
+        Self::observe(self, frame, previous, out);
     }
 }

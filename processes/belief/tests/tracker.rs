@@ -55,7 +55,7 @@ fn it_is_the_filter_over_everything_sensed() {
             assert_eq!(belief.deviation[..], *filter.deviation.column(0));
             assert_eq!(belief.latent, 128);
             // What it decodes to stands in the message as what was sensed does: ranges, then ego values.
-            let (range, ego) = belief.lidar.split_at(BEAMS);
+            let (range, ego) = belief.visual[..BEAMS + EGO_VALUES].split_at(BEAMS);
             let mut decoded = [0.0; BEAMS + EGO_VALUES];
             let (range, ego) = (
                 range.try_into().expect("108 beams"),
@@ -137,6 +137,7 @@ fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
             &arguments,
             &Options {
                 model: path.clone(),
+                gridworld: None,
             },
         )
         .expect_err("refused");

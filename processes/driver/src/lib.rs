@@ -1,16 +1,44 @@
-//! The driver process: the person. Sees their part of the LIDAR frame and the display, and acts.
+//! The driver process: the person. Sees their part of what can be sensed, and the display, and acts.
 //!
 //! In lockstep, the person looks at the display of step k before acting at k. In real time they wait for it no longer
 //! than half a step, and see a later one when it comes.
 
+mod gridworld;
+mod highway;
 mod person;
 
-pub use person::{Driving, Options};
+pub use gridworld::{Acting, Role};
+pub use highway::{Driving, Seat};
 
-use anyhow::Result;
-use messages::{Display, DriverAction, LidarFrame, topic};
-use person::Driver;
+use anyhow::{Result, ensure};
+use gridworld::Player;
+use highway::Driver;
+use messages::{Display, DriverAction, Sensed, topic};
+use person::Person;
 use runtime::{ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns};
+use serde::{Deserialize, Serialize};
+
+/// Options of the driver process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Options {
+    /// Where the person is, and who they are.
+    pub place: Place,
+    /// Seed of the person's noise.
+    pub seed: u64,
+}
+
+/// Where the person is, and who they are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+// One of them exists, once.
+#[allow(clippy::large_enum_variant)]
+pub enum Place {
+    /// On the highway.
+    Highway(Seat),
+    /// In driving, search and rescue, or bomb defusal.
+    Gridworld(Role),
+}
 
 /// Joins the run and drives until it ends.
 ///
@@ -18,7 +46,14 @@ use runtime::{ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let result = drive(&mut node, options);
+    let seed = options.seed;
+    let result = match &options.place {
+        Place::Highway(seat) => {
+            Driver::new(seat, seed).and_then(|person| drive(&mut node, person, seat.step_ns() / 2))
+        }
+        Place::Gridworld(role) => Player::new(role, seed)
+            .and_then(|person| drive(&mut node, person, role.scene.step_ns() / 2)),
+    };
     match &result {
         Ok(()) => node.finish()?,
         Err(error) => node.fail(&format!("{error:#}"))?,
@@ -26,18 +61,18 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     result
 }
 
-struct Ports {
-    lidar: Input<LidarFrame>,
+struct Ports<S: Sensed> {
+    sensed: Input<S>,
     display: Input<Display>,
     action: Output<DriverAction>,
 }
 
-fn drive(node: &mut Node, options: &Options) -> Result<()> {
-    let mut driver = Driver::new(options)?;
+/// `patience_ns`: how long the person waits for a display in real time.
+fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let mut ports = Ports {
-        lidar: node.input(
-            topic::LIDAR,
+    let mut ports = Ports::<P::Sensed> {
+        sensed: node.input(
+            P::Sensed::TOPIC,
             if lockstep {
                 Receive::InOrder
             } else {
@@ -51,14 +86,21 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    let patience_ns = (!lockstep).then(|| options.step_ns() / 2);
+    let patience_ns = (!lockstep).then_some(patience_ns);
     let mut episode = None;
-    while node.wait(&mut [&mut ports.lidar], None)? != Wake::Stop {
-        ports.lidar.take()?;
-        let Some(frame) = ports.lidar.message() else {
+    while node.wait(&mut [&mut ports.sensed], None)? != Wake::Stop {
+        ports.sensed.take()?;
+        let (Some(sensed), Some(header)) = (ports.sensed.message(), ports.sensed.header()) else {
             continue;
         };
-        let stamp = Stamp::of(&frame.header);
+        ensure!(
+            sensed.measure() == person.measure(),
+            "{}: domain, visual and verbal numbers are {:?}, this person's are {:?}",
+            P::Sensed::TOPIC,
+            sensed.measure(),
+            person.measure()
+        );
+        let stamp = Stamp::of(header);
         // Somebody else's episode: a person takes the wheel between two, or where a dead process left it.
         if !node.speaks(stamp.episode, stamp.step) {
             node.pass(stamp.episode, stamp.step);
@@ -66,14 +108,14 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
             continue;
         }
         if episode.replace(stamp.episode) != Some(stamp.episode) {
-            driver.reset(stamp.episode);
+            person.reset(stamp.episode);
         }
         let wake = match patience_ns {
             None => node.wait_step(&mut [&mut ports.display], stamp.episode, stamp.step, None)?,
             Some(patience) => look(
                 node,
                 &mut ports.display,
-                &mut driver,
+                &mut person,
                 stamp,
                 now_ns() + patience,
             )?,
@@ -82,12 +124,11 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
             break;
         }
         if let Some(display) = ports.display.message().filter(|_| lockstep) {
-            driver.see(display);
+            person.see(display);
         }
-        let [throttle, steer] = driver.act(frame);
-        ports.action.send_with(stamp, |action| {
-            (action.throttle, action.steer) = (throttle, steer)
-        })?;
+        ports
+            .action
+            .send_with(stamp, |action| person.act(sensed, action))?;
         node.end_step();
     }
     Ok(())
@@ -98,14 +139,14 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
 fn look(
     node: &mut Node,
     display: &mut Input<Display>,
-    driver: &mut Driver,
+    person: &mut impl Person,
     stamp: Stamp,
     deadline_ns: u64,
 ) -> Result<Wake> {
     loop {
         while let Some(display) = display.next()? {
             if display.header.episode == stamp.episode {
-                driver.see(display);
+                person.see(display);
             }
             if (display.header.episode, display.header.step) >= (stamp.episode, stamp.step) {
                 return Ok(Wake::Message);

@@ -1,152 +1,21 @@
-//! Who drives: a simulated person, or a recorded one.
+//! What the process's loop asks of a person, whatever the domain.
 
-use anyhow::{Context, Result};
-use domains::commonroad::Scenario;
-use domains::highway::speech::Heard;
-use domains::highway::{
-    self, Cockpit, Person, Scene, Shown, SimulatedDriver, UtteranceKind, World,
-};
-use messages::{Display, LidarFrame, SECTORS};
-use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
-use std::sync::Arc;
+use messages::{Display, DriverAction, Sensed};
 
-/// Options of the driver process.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Options {
-    /// The scene: what the cockpit and the weather are like.
-    pub scene: Scene,
-    /// The CommonRoad file whose road and traffic take the place of the scene's own.
-    #[serde(default)]
-    pub recording: Option<PathBuf>,
-    /// Who drives.
-    pub person: Driving,
-    /// Seed of the person's noise.
-    pub seed: u64,
-}
+/// Somebody who senses, is shown and told things, and acts.
+pub trait Person {
+    /// What there is to sense.
+    type Sensed: Sensed;
 
-/// Who drives.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-pub enum Driving {
-    /// A simulated person.
-    Simulated(Person),
-    /// The person in this car of the recording.
-    Recorded(i32),
-}
-
-impl Options {
-    /// Nanoseconds of a step in the real-time clock.
-    pub fn step_ns(&self) -> u64 {
-        (1e9 * self.scene.step_s() / self.scene.clock.rate) as u64
-    }
-}
-
-/// The person at the wheel, with buffers for what they are shown.
-pub struct Driver {
-    who: Who,
-    seed: u64,
-    observation: highway::Observation,
-    shown: Shown,
-}
-
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-enum Who {
-    Simulated(SimulatedDriver),
-    /// Replays its own copy of the world; the recording alone says what happens there.
-    Recorded(World),
-}
-
-impl Driver {
-    /// Seats the person.
-    ///
-    /// # Errors
-    /// When the recording's file is not what it was when the run was planned.
-    pub fn new(options: &Options) -> Result<Self> {
-        let mut scene = options.scene.clone();
-        scene.seat = match options.person {
-            Driving::Simulated(_) => None,
-            Driving::Recorded(car) => Some(car),
-        };
-        if let Some(file) = &options.recording {
-            scene.course = Some(Arc::new(Scenario::read(file)?.course(scene.seat)?));
-        }
-        let world = World::new(Arc::new(scene)).context("the scene's road")?;
-        let who = match &options.person {
-            Driving::Simulated(person) => {
-                let cockpit = Cockpit::new(&options.scene, world.road(), world.ego().at.s_m);
-                Who::Simulated(SimulatedDriver::new(person, &options.scene.fog(), cockpit))
-            }
-            Driving::Recorded(car) => {
-                world
-                    .recorded_action()
-                    .with_context(|| format!("no recorded car {car} to drive as"))?;
-                Who::Recorded(world)
-            }
-        };
-        Ok(Self {
-            who,
-            seed: options.seed,
-            observation: highway::Observation::default(),
-            shown: Shown::default(),
-        })
-    }
+    /// What [`Sensed::measure`] must be for this person.
+    fn measure(&self) -> [u32; 3];
 
     /// Begins an episode.
-    pub fn reset(&mut self, episode: u32) {
-        self.shown = Shown::default();
-        match &mut self.who {
-            Who::Simulated(driver) => driver.reset(self.seed, episode),
-            Who::Recorded(world) => world.reset(self.seed, episode),
-        }
-    }
+    fn reset(&mut self, episode: u32);
 
-    /// Looks at a display: its highlights replace the last ones, its utterances are heard at the next step.
-    pub fn see(&mut self, display: &Display) {
-        self.shown.highlighted = display.highlighted;
-        self.shown.highlighted_objects = display.objects;
-        for utterance in display
-            .utterances
-            .iter()
-            .take(display.utterance_count as usize)
-        {
-            let kind = UtteranceKind::from_number(utterance.kind);
-            let sector = utterance.sector as usize;
-            if let (Some(kind), true) = (kind, sector < SECTORS) {
-                let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
-                self.shown.utterances[sector] = Some(Heard {
-                    kind,
-                    range_m,
-                    speed_mps,
-                });
-            }
-        }
-    }
+    /// Looks at a display: what it shows replaces what was shown, what it says is heard at the next step.
+    fn see(&mut self, display: &Display);
 
-    /// What the person does, having seen the displays since the last step.
-    pub fn act(&mut self, frame: &LidarFrame) -> [f32; 2] {
-        let action = match &mut self.who {
-            Who::Simulated(driver) => {
-                self.observation.range = frame.range;
-                self.observation.object = frame.object;
-                self.observation.speed_mps = frame.speed_mps;
-                self.observation.ego = frame.ego;
-                self.observation.moving = frame.moving != 0;
-                driver.act(&self.observation, &self.shown)
-            }
-            Who::Recorded(world) => {
-                // In real time a frame may have been passed over: the recording goes on with the world's step.
-                while world.steps() < frame.header.step {
-                    world.step([0.0; 2]);
-                }
-                world.recorded_action().unwrap_or_default()
-            }
-        };
-        self.shown.utterances = [None; SECTORS];
-        action
-    }
+    /// Writes what the person does, having seen the displays since the last step; all but the header.
+    fn act(&mut self, sensed: &Self::Sensed, out: &mut DriverAction);
 }

@@ -2,11 +2,15 @@
 //! imagined people would do (DESIGN §3).
 
 mod person;
+mod senses;
 
 pub use person::{GROUPS, Person};
+pub use senses::{GridSenses, Senses};
 
-use anyhow::{Result, bail};
-use messages::{Display, DriverAction, HumanBelief, LidarFrame, topic};
+use anyhow::{Result, bail, ensure};
+use domains::discrete::Scene;
+use messages::{Display, DriverAction, HumanBelief, Sensed, topic};
+use models::discrete::DiscreteModel;
 use models::utterances::UtteranceTable;
 use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
@@ -15,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What the process needs besides its place in the run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// Which human model.
@@ -25,6 +29,12 @@ pub struct Options {
     /// The file of what was learned of the person: implants, or the policy of `bc` and `sqil`.
     #[serde(default)]
     pub implants: Option<PathBuf>,
+    /// The gridworld's scene; none on the highway.
+    #[serde(default)]
+    pub gridworld: Option<Scene>,
+    /// Seed of the run, for models by which it is chance what people perceive.
+    #[serde(default)]
+    pub seed: u64,
 }
 
 impl Options {
@@ -33,6 +43,14 @@ impl Options {
     /// # Errors
     /// If a file is missing, damaged, or not what the kind needs.
     pub fn load(&self) -> Result<Box<dyn HumanModel>> {
+        if let Some(scene) = &self.gridworld {
+            let layout = models::words::layout_of(scene)?;
+            let model = Arc::new(DiscreteModel::load(&self.model, layout)?);
+            let file = self.implants.as_deref();
+            return Ok(models::discrete::human_file::load_human(
+                file, self.kind, &model,
+            )?);
+        }
         if !self.kind.is_self_model() {
             let Some(path) = &self.implants else {
                 bail!(
@@ -70,15 +88,26 @@ impl Options {
 /// # Errors
 /// If a file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    join(arguments, |node| attend(node, options.load()?))
+    join(arguments, |node| {
+        let (model, seed) = (options.load()?, options.seed);
+        match &options.gridworld {
+            None => attend(node, Person::new(model, UtteranceTable::shipped()?, seed)),
+            Some(scene) => {
+                let layout = models::words::layout_of(scene)?;
+                attend(node, Person::new(model, GridSenses { layout }, seed))
+            }
+        }
+    })
 }
 
-/// As [`run`], with any human model that is in memory already.
+/// As [`run`], with any human model of the highway that is in memory already.
 ///
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()> {
-    join(arguments, |node| attend(node, model))
+    join(arguments, |node| {
+        attend(node, Person::new(model, UtteranceTable::shipped()?, 0))
+    })
 }
 
 fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
@@ -91,7 +120,7 @@ fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) ->
     result
 }
 
-fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
+fn attend<S: Senses>(node: &mut Node, mut person: Person<S>) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep {
         Receive::InOrder
@@ -99,11 +128,10 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
         Receive::Newest
     };
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
-    let mut lidar = node.input::<LidarFrame>(topic::LIDAR, receive)?;
+    let mut world = node.input::<S::Sensed>(S::Sensed::TOPIC, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let mut questions = node.request_server()?;
     let beliefs = node.output::<HumanBelief>(topic::HUMAN_BELIEF)?;
-    let mut person = Person::new(model, UtteranceTable::shipped()?);
 
     if node.ready()? == Wake::Stop {
         return Ok(());
@@ -119,7 +147,7 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
         };
         let (episode, step) = (display.header.episode, display.header.step);
         let deadline = if lockstep { None } else { Some(now_ns()) };
-        match node.wait_step(&mut [&mut lidar], episode, step, deadline)? {
+        match node.wait_step(&mut [&mut world], episode, step, deadline)? {
             Wake::Stop => break,
             // The display is older than what is left of its frames, for one that joined late.
             Wake::Passed => continue,
@@ -131,14 +159,18 @@ fn attend(node: &mut Node, model: Box<dyn HumanModel>) -> Result<()> {
         {
             break;
         }
-        let Some(frame) = lidar.message() else {
+        let (Some(sensed), Some(header)) = (world.message(), world.header()) else {
             continue;
         };
-        let taken = actions
-            .message()
-            .map_or([0.0; 2], |a| [a.throttle, a.steer]);
-        beliefs.send_with(Stamp::of(&frame.header), |out| {
-            person.observe(frame, display, taken, out)
+        ensure!(
+            sensed.measure() == person.measure(),
+            "{}: domain, visual and verbal numbers are {:?}, the human model's are {:?}",
+            S::Sensed::TOPIC,
+            sensed.measure(),
+            person.measure()
+        );
+        beliefs.send_with(Stamp::of(header), |out| {
+            person.observe(sensed, display, actions.message(), out)
         })?;
         node.end_step();
     }

@@ -1,13 +1,13 @@
 //! The person as the human model sees them: what they believe now, what they believed a moment ago, and groups of
 //! imagined people that start from there. Allocates nothing once each group's size has been seen.
 
+use crate::senses::Senses;
 use messages::{
-    Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, SECTORS,
+    Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, MAX_GROUP, Message,
 };
+use models::human::following;
 use models::imagined::{ImaginedGroups, Moment};
-use models::observation::Shape;
-use models::policy::ActionDistribution;
-use models::utterances::{Said, UtteranceTable};
+use models::policy::{ActionDistribution, Family};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
 
@@ -33,9 +33,12 @@ mod phase {
 }
 
 /// The person, in the eyes of one human model.
-pub struct Person {
+pub struct Person<S: Senses> {
     model: Box<dyn HumanModel>,
-    table: UtteranceTable,
+    senses: S,
+    /// Seed of the run, for models by which it is chance what people perceive.
+    seed: u64,
+    noise: Vec<f32>,
     beliefs: Beliefs,
     observations: Observations,
     action: Tensor,
@@ -56,30 +59,37 @@ struct Remembered {
     beliefs: Beliefs,
 }
 
-impl Person {
-    /// A person who perceived nothing yet.
-    pub fn new(model: Box<dyn HumanModel>, table: UtteranceTable) -> Self {
-        let shape = Shape::HIGHWAY;
+impl<S: Senses> Person<S> {
+    /// A person who perceived nothing yet; `seed` is the run's.
+    pub fn new(model: Box<dyn HumanModel>, senses: S, seed: u64) -> Self {
+        let shape = senses.shape();
         let latent = model.latent();
         Self {
-            model,
-            table,
+            seed,
+            noise: vec![0.0; model.noise_rows()],
             beliefs: Beliefs::new(latent, 1),
             observations: Observations::new(&shape, 1),
             action: Tensor::new(shape.action, 1),
-            expected: ActionDistribution::new(shape.action, 1),
+            expected: model.distribution(1),
             position: None,
             remembered: core::array::from_fn(|_| Remembered {
                 position: None,
                 beliefs: Beliefs::new(latent, 1),
             }),
             next: 0,
-            groups: ImaginedGroups::new(latent, shape.action, GROUPS, MAX_GROUP),
+            groups: ImaginedGroups::for_model(&*model, GROUPS, MAX_GROUP),
             rows: [0; GROUPS],
             imagined: Observations::new(&shape, MAX_GROUP),
             communicated: vec![Communicated::default(); MAX_GROUP],
             actions: Tensor::new(shape.action, MAX_GROUP),
+            model,
+            senses,
         }
+    }
+
+    /// What [`Sensed::measure`] must be for this model.
+    pub fn measure(&self) -> [u32; 3] {
+        self.senses.measure()
     }
 
     /// Whether there is a belief about this episode yet.
@@ -87,32 +97,32 @@ impl Person {
         self.position.is_some_and(|(seen, _)| seen == episode)
     }
 
-    /// Updates z^H with what the person could perceive in `frame`, what `display` showed and said, and `taken`, the action
-    /// that they took one step before (ignored at an episode's start); writes belief and prediction into `out`, all but
-    /// the header.
+    /// Updates z^H with what the person could perceive in `sensed`, what `display` showed and said, and `taken`, what they did
+    /// one step before (ignored at an episode's start); writes belief and prediction into `out`, all but the header.
     pub fn observe(
         &mut self,
-        frame: &LidarFrame,
+        sensed: &S::Sensed,
         display: &Display,
-        taken: [f32; 2],
+        taken: Option<&DriverAction>,
         out: &mut HumanBelief,
     ) {
-        let (episode, step) = (frame.header.episode, frame.header.step);
+        let (episode, step) = sensed.header().map_or((0, 0), |h| (h.episode, h.step));
+        self.write_action(taken);
         let starts = step == 0 || !self.follows(episode);
         if starts {
             self.beliefs.reset();
         } else {
-            out.log_likelihood = self.expected.log_density(0, &taken);
+            out.log_likelihood = self.expected.log_density(0, self.action.column(0));
         }
-        self.observations.set_lidar(0, &frame.range, &frame.ego);
-        let communicated = self.hear(display);
-        self.action.column_mut(0).copy_from_slice(&taken);
+        let communicated = self.senses.take_in(sensed, display, &mut self.observations);
+        let at = [self.seed, u64::from(episode), u64::from(step)];
+        let noise = following(&*self.model, at, &mut self.noise);
         self.model.perceive(
             &mut self.beliefs,
             &self.action,
             &self.observations,
             &[communicated],
-            None,
+            noise,
         );
         self.model.act(&self.beliefs, &mut self.expected);
         self.position = Some((episode, step));
@@ -120,27 +130,20 @@ impl Person {
         self.report(out);
     }
 
-    /// What was shown and said, as the human model takes it in: the words that were really spoken stand in the verbal
-    /// modality.
-    fn hear(&mut self, display: &Display) -> Communicated {
-        let spoken = (display.utterance_count as usize).min(display.utterances.len());
-        let verbal = self.observations.verbal.column_mut(0);
-        verbal.fill(0.0);
-        let mut heard = 0;
-        for utterance in &display.utterances[..spoken] {
-            let sector = utterance.sector as usize;
-            let said = match utterance.kind {
-                0 => Said::Nothing,
-                1 => Said::Slow,
-                2 => Said::Fast,
-                _ => continue, // words that the models have never heard
-            };
-            if sector < SECTORS {
-                self.table.encode(sector, said, utterance.range_m, verbal);
-                heard |= 1 << sector;
+    /// What the person did, as the model takes it: throttle/brake and steer, or a 1 in the place of a choice.
+    fn write_action(&mut self, taken: Option<&DriverAction>) {
+        let column = self.action.column_mut(0);
+        column.fill(0.0);
+        let Some(taken) = taken else { return };
+        match self.expected.family {
+            Family::Gaussian => column.copy_from_slice(&[taken.throttle, taken.steer]),
+            Family::Categorical => {
+                if let (1.., Some(place)) = (taken.is_choice, column.get_mut(taken.choice as usize))
+                {
+                    *place = 1.0;
+                }
             }
         }
-        Communicated::new(display.highlighted, heard)
     }
 
     fn remember(&mut self) {
@@ -158,11 +161,22 @@ impl Person {
         out.latent = latent as u32;
         out.mean[..latent].copy_from_slice(&self.beliefs.mean.column(0)[..latent]);
         out.deviation[..latent].copy_from_slice(&self.beliefs.deviation.column(0)[..latent]);
-        for (mean, u) in out.action_mean.iter_mut().zip(self.expected.mean.column(0)) {
-            *mean = u.tanh();
+        let expected = &self.expected;
+        match expected.family {
+            Family::Gaussian => {
+                for (mean, u) in out.action_mean.iter_mut().zip(expected.mean.column(0)) {
+                    *mean = u.tanh();
+                }
+                out.action_deviation
+                    .copy_from_slice(expected.deviation.column(0));
+            }
+            Family::Categorical => {
+                let log = expected.log_probability.column(0);
+                for (probability, log) in out.probability.iter_mut().zip(log) {
+                    *probability = log.exp();
+                }
+            }
         }
-        out.action_deviation
-            .copy_from_slice(self.expected.deviation.column(0));
         let kind = self.model.kind().as_bytes();
         let length = kind.len().min(out.kind.len());
         out.kind[..length].copy_from_slice(&kind[..length]);
@@ -192,18 +206,21 @@ impl Person {
                     return;
                 };
                 self.rows[group] = rows;
-                let known = (question.action_known != 0).then_some(question.action);
+                let actions = self.action.rows();
+                let known = (question.action_known != 0).then_some(&question.action[..actions]);
                 self.groups.start(
                     &mut *self.model,
                     &start.beliefs,
                     group,
                     rows,
                     question.seed,
-                    known.as_ref().map(|a| &a[..]),
+                    known,
                 )
             }
             phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
-                self.take_in(question, rows);
+                if !self.take_in(question, rows) {
+                    return;
+                }
                 let communicated = &self.communicated[..rows];
                 self.groups.step(
                     &mut *self.model,
@@ -222,9 +239,7 @@ impl Person {
             _ => return,
         };
         let Ok(actions) = actions else { return };
-        answer.action[..rows]
-            .as_flattened_mut()
-            .copy_from_slice(actions.data());
+        answer.action[..actions.data().len()].copy_from_slice(actions.data());
         answer.status = status::ANSWERED;
     }
 
@@ -243,10 +258,14 @@ impl Person {
             answer.status = status::NO_BELIEF;
             return;
         };
-        self.take_in(question, rows);
-        self.actions.resize_to(question.action.len(), rows);
+        if !self.take_in(question, rows) {
+            return;
+        }
+        let actions = self.action.rows();
+        self.actions.resize_to(actions, rows);
         for j in 0..rows {
-            self.actions.column_mut(j).copy_from_slice(&question.action);
+            let column = self.actions.column_mut(j);
+            column.copy_from_slice(&question.action[..actions]);
         }
         let latent = self.model.latent().min(question.robot_mean.len());
         let moment = Moment {
@@ -268,13 +287,20 @@ impl Person {
         };
     }
 
-    /// Copies what a question's imagined people see and are told.
-    fn take_in(&mut self, question: &ImagineRequest, rows: usize) {
+    /// Copies what a question's imagined people see and are told; false if these are not modalities of ours.
+    fn take_in(&mut self, question: &ImagineRequest, rows: usize) -> bool {
+        let Observations { visual, verbal } = &self.imagined;
+        if (question.visual_width, question.verbal_width)
+            != (visual.rows() as u32, verbal.rows() as u32)
+        {
+            return false;
+        }
         self.imagined.resize(rows);
-        self.imagined
-            .visual
+        let Observations { visual, verbal } = &mut self.imagined;
+        let numbers = visual.data().len();
+        visual
             .data_mut()
-            .copy_from_slice(question.lidar[..rows].as_flattened());
+            .copy_from_slice(&question.visual[..numbers]);
         for (bits, asked) in self
             .communicated
             .iter_mut()
@@ -287,10 +313,11 @@ impl Person {
             .iter()
             .any(|bits| bits.verbal_bits() != 0)
         {
-            self.imagined
-                .verbal
+            let numbers = verbal.data().len();
+            verbal
                 .data_mut()
-                .copy_from_slice(question.verbal[..rows].as_flattened());
+                .copy_from_slice(&question.verbal[..numbers]);
         }
+        true
     }
 }

@@ -2,7 +2,8 @@
 
 use human::{GROUPS, Options, Person};
 use messages::{
-    Display, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP, Message,
+    Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP,
+    Message,
 };
 use models::checkpoint::{save_implants, save_self_model};
 use models::recurrent_file::save_policy;
@@ -37,11 +38,12 @@ fn implants(with_policy: bool) -> Implants {
     )
 }
 
-fn person() -> Person {
+fn person() -> Person<UtteranceTable> {
     let human = SelfHuman::new(Arc::new(model()), Some(implants(true)));
     Person::new(
         Box::new(human),
         UtteranceTable::shipped().expect("the table ships"),
+        1,
     )
 }
 
@@ -54,9 +56,19 @@ fn frame(step: u32) -> LidarFrame {
     frame
 }
 
-fn observe(person: &mut Person, step: u32, display: &Display, taken: [f32; 2]) -> HumanBelief {
+fn observe(
+    person: &mut Person<UtteranceTable>,
+    step: u32,
+    display: &Display,
+    [throttle, steer]: [f32; 2],
+) -> HumanBelief {
     let mut out = HumanBelief::ZERO;
-    person.observe(&frame(step), display, taken, &mut out);
+    let taken = DriverAction {
+        throttle,
+        steer,
+        ..DriverAction::ZERO
+    };
+    person.observe(&frame(step), display, Some(&taken), &mut out);
     out
 }
 
@@ -64,14 +76,15 @@ fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest>
     let mut question = Box::new(ImagineRequest::ZERO);
     question.header.step = step;
     (question.group, question.phase, question.rows, question.seed) = (group, phase, rows, 77);
+    (question.visual_width, question.verbal_width) = (113, 120);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
-    for value in question.lidar.as_flattened_mut() {
+    for value in &mut question.visual {
         *value = rng.random();
     }
     question
 }
 
-fn ask(person: &mut Person, question: &ImagineRequest) -> Box<ImagineAnswer> {
+fn ask(person: &mut Person<UtteranceTable>, question: &ImagineRequest) -> Box<ImagineAnswer> {
     let mut answer = Box::new(ImagineAnswer::ZERO);
     (answer.group, answer.phase, answer.rows) = (question.group, question.phase, question.rows);
     person.answer(question, &mut answer);
@@ -105,7 +118,7 @@ fn what_is_shown_and_said_reaches_the_person() {
         let mut display = Display::ZERO;
         display.utterance_count = 1;
         let words = &mut display.utterances[0];
-        (words.kind, words.range_m, words.sector) = (kind, range_m, sector);
+        (words.kind, words.range_m, words.item) = (kind, range_m, sector);
         observe(&mut person(), 0, &display, [0.0; 2]).mean
     };
     assert_ne!(nothing, said(2, 30.0, 3));
@@ -214,23 +227,19 @@ fn an_answer_depends_on_belief_and_question_alone() {
             }
             let answer = ask(&mut person, &question(0, 0, phase, rows));
             assert_eq!(answer.status, 0);
-            all.extend_from_slice(&answer.action[..rows as usize]);
+            all.extend_from_slice(&answer.action[..2 * rows as usize]);
         }
         all
     };
     assert_eq!(answers(false), answers(true), "other groups leave no trace");
-    assert!(
-        answers(false)
-            .as_flattened()
-            .iter()
-            .all(|a| (-1.0..=1.0).contains(a))
-    );
+    assert!(answers(false).iter().all(|a| (-1.0..=1.0).contains(a)));
     // A known action is what everybody does now.
     let mut person = person();
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
     let mut known = question(0, 0, 0, 9);
-    (known.action_known, known.action) = (1, [0.25, -0.5]);
-    assert_eq!(ask(&mut person, &known).action[..9], [[0.25, -0.5]; 9]);
+    (known.action_known, known.action) = (1, [0.25, -0.5, 0.0, 0.0]);
+    let answer = ask(&mut person, &known);
+    assert_eq!(answer.action[..18], *[[0.25, -0.5]; 9].as_flattened());
 }
 
 #[test]
@@ -268,6 +277,8 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
             kind,
             model: path("self"),
             implants: implants.map(path),
+            gridworld: None,
+            seed: 1,
         };
         options
             .load()
@@ -308,7 +319,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
     // What each is told decides, if they see the same.
     for row in 1..5 {
-        compare.lidar[row] = compare.lidar[0];
+        compare.visual.copy_within(..113, 113 * row);
     }
     let answer = ask(&mut person, &compare);
     assert_eq!(answer.status, 0);
@@ -330,7 +341,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
     let policy = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [12.0; 36]);
     let table = UtteranceTable::shipped().expect("the table ships");
-    let mut other = Person::new(Box::new(policy), table);
+    let mut other = Person::new(Box::new(policy), table, 1);
     observe(&mut other, 0, &Display::ZERO, [0.0; 2]);
     assert_eq!(
         ask(&mut other, &compare).status,

@@ -1,34 +1,87 @@
 //! Between messages and the planning library: where a plan starts, and what its decision looks like on the topic.
 
 use crate::{Options, reason};
-use messages::{CommAction, RobotBelief, SECTORS};
+use messages::{CommAction, DriverAction, RobotBelief};
 use models::SelfModel;
+use models::discrete::DiscreteModel;
 use nn::Tensor;
-use planning::planner::{From, Settings};
-use planning::{Chooser, Decision, ImaginedPeople, PeopleError};
+use planning::discrete::DiscretePlanner;
+use planning::planner::{From, Plan, Settings};
+use planning::{Chooser, ImaginedPeople, Items, PeopleError};
+use std::sync::Arc;
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
 pub struct Desk {
-    planner: Chooser,
+    planner: Planning,
     settings: Settings,
     mean: Tensor,
     deviation: Tensor,
+    /// What the person does, as models take it.
+    action: Tensor,
     seed: u64,
     step_s: f32,
+    plan: Plan,
+    /// Probability of each item in the last plan: visual, then verbal.
+    probability: Vec<f32>,
+    /// So many of them are visual.
+    visual_items: usize,
+}
+
+/// The planners and their world models.
+// One of them exists, once.
+#[allow(clippy::large_enum_variant)]
+enum Planning {
+    Highway(SelfModel, Chooser),
+    Gridworld(Arc<DiscreteModel>, DiscretePlanner),
 }
 
 impl Desk {
-    /// A planner that has planned nothing yet; settings must have no problem.
-    pub fn new(options: &Options, model: &SelfModel) -> Self {
-        let latent = model.sizes.latent;
+    /// The highway's planner, which has planned nothing yet; settings must have no problem.
+    pub fn highway(options: &Options, model: SelfModel) -> Self {
+        let chooser = Chooser::new(options.method.chooser(), options.settings, &model);
+        let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
+        let planner = Planning::Highway(model, chooser);
+        Self::new(options, planner, latent, actions, &planning::items::Sectors)
+    }
+
+    /// A gridworld's planner.
+    pub fn gridworld(options: &Options, model: Arc<DiscreteModel>) -> Self {
+        let layout = Arc::clone(&model.layout);
+        let planner = DiscretePlanner::with_items(options.settings, &*model, Arc::clone(&layout));
+        let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
+        let planner = Planning::Gridworld(model, planner);
+        Self::new(options, planner, latent, actions, &layout)
+    }
+
+    fn new(
+        options: &Options,
+        planner: Planning,
+        latent: usize,
+        actions: usize,
+        items: &dyn Items,
+    ) -> Self {
         Self {
-            planner: Chooser::new(options.method.chooser(), options.settings, model),
+            planner,
             settings: options.settings,
             mean: Tensor::new(latent, 1),
             deviation: Tensor::new(latent, 1),
+            action: Tensor::new(actions, 1),
             seed: options.seed,
             step_s: options.step_s,
+            plan: Plan::default(),
+            probability: vec![0.0; items.count()],
+            visual_items: items.visual_items(),
         }
+    }
+
+    /// Dimensions of a belief.
+    pub fn latent(&self) -> usize {
+        self.mean.rows()
+    }
+
+    /// Numbers of an action.
+    pub fn actions(&self) -> usize {
+        self.action.rows()
     }
 
     /// Nanoseconds of a control step.
@@ -36,20 +89,19 @@ impl Desk {
         (f64::from(self.step_s) * 1e9) as u64
     }
 
-    /// Decides what to communicate one step after `belief`. `speech_ready_s`: seconds until an utterance may start, seen
-    /// from the belief's step.
+    /// Decides what to communicate one step after `belief`, knowing what the person does now where that is given.
+    /// `speech_ready_s`: seconds until an utterance may start, seen from the belief's step.
     ///
     /// # Errors
     /// What the imagined people answer.
     pub fn plan(
         &mut self,
-        model: &SelfModel,
         belief: &RobotBelief,
-        known_action: Option<[f32; 2]>,
+        acted: Option<&DriverAction>,
         speech_ready_s: f32,
         people: &mut dyn ImaginedPeople,
-    ) -> Result<Decision, PeopleError> {
-        let latent = self.mean.rows();
+    ) -> Result<(), PeopleError> {
+        let latent = self.latent();
         self.mean
             .column_mut(0)
             .copy_from_slice(&belief.mean[..latent]);
@@ -58,29 +110,55 @@ impl Desk {
             .copy_from_slice(&belief.deviation[..latent]);
         // A whole number of steps must not become one more by rounding. The decision is for the step after this one.
         let ready_steps = (speech_ready_s / self.step_s - 1e-3).ceil().max(0.0) as usize;
+        let choice = acted.filter(|acted| acted.is_choice != 0);
+        let choice = choice.map(|acted| acted.choice as usize);
+        let choice = choice.filter(|choice| *choice < self.action.rows());
+        self.action.fill(0.0);
+        if let Some(choice) = choice {
+            self.action.column_mut(0)[choice] = 1.0;
+        }
         let from = From {
             mean: &self.mean,
             deviation: &self.deviation,
-            known_action,
+            known_action: choice.map(|_| self.action.column(0)),
             speech_ready_steps: ready_steps.saturating_sub(1),
             seed: self.seed,
             episode: belief.header.episode,
             step: belief.header.step,
         };
-        self.planner.plan(model, from, people)
+        match &mut self.planner {
+            Planning::Highway(model, chooser) => {
+                let from = from.knowing(acted.map(|acted| [acted.throttle, acted.steer]));
+                let decision = chooser.plan(model, from, people)?;
+                self.probability.copy_from_slice(&decision.probability);
+                self.plan = Plan {
+                    communicated: decision.communicated,
+                    value: decision.value,
+                    value_silent: decision.value_silent,
+                    cost: decision.cost,
+                };
+            }
+            Planning::Gridworld(model, planner) => {
+                self.plan = planner.search(model, &from, people)?;
+                for (item, probability) in self.probability.iter_mut().enumerate() {
+                    *probability = planner.probability(item);
+                }
+            }
+        }
+        Ok(())
     }
 
-    /// Writes a decision, all but the header.
-    pub fn write(&self, decision: &Decision, late: bool, out: &mut CommAction) {
-        out.visual = decision.communicated.visual_bits();
-        out.verbal = decision.communicated.verbal_bits();
-        out.visual_probability
-            .copy_from_slice(&decision.probability[..SECTORS]);
-        out.verbal_probability
-            .copy_from_slice(&decision.probability[SECTORS..]);
-        out.value = decision.value;
-        out.value_silent = decision.value_silent;
-        out.cost = decision.cost;
+    /// Writes the last plan's decision, all but the header.
+    pub fn write(&self, late: bool, out: &mut CommAction) {
+        let plan = &self.plan;
+        out.visual = plan.communicated.visual_bits();
+        out.verbal = plan.communicated.verbal_bits();
+        let (visual, verbal) = self.probability.split_at(self.visual_items);
+        out.visual_probability[..visual.len()].copy_from_slice(visual);
+        out.verbal_probability[..verbal.len()].copy_from_slice(verbal);
+        out.value = plan.value;
+        out.value_silent = plan.value_silent;
+        out.cost = plan.cost;
         out.samples = self.settings.samples as u32;
         out.iterations = self.settings.iterations as u32;
         out.reason = if late { reason::LATE } else { reason::PLANNED };

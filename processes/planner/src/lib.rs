@@ -8,12 +8,15 @@ pub use desk::Desk;
 pub use remote::{RemotePeople, Waiting};
 
 use anyhow::{Context, Result, bail};
+use domains::discrete::Scene;
 use messages::{CommAction, Display, DriverAction, Header, HumanBelief, RobotBelief, topic};
 use models::SelfModel;
+use models::discrete::DiscreteModel;
 use planning::{PeopleError, Settings};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// How to decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,6 +59,9 @@ pub struct Options {
     /// In real time, how long the human model may take for an answer, in milliseconds.
     #[serde(default = "default_patience_ms")]
     pub patience_ms: u64,
+    /// The gridworld's scene; none on the highway.
+    #[serde(default)]
+    pub gridworld: Option<Scene>,
 }
 
 /// Ten times what an answer to half of the default samples takes.
@@ -75,6 +81,9 @@ impl Options {
     fn check(&self) -> Result<()> {
         if let Some(problem) = self.settings.problem() {
             bail!("planner settings: {problem}");
+        }
+        if self.gridworld.is_some() && self.method == Method::Kl {
+            bail!("planner options: `kl` is for the highway");
         }
         if !(self.step_s > 0.0 && self.step_s.is_finite()) {
             bail!(
@@ -99,18 +108,27 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
                 .model
                 .as_ref()
                 .context("planner options: methods `ce` and `kl` need a model")?;
-            decide(node, options, &models::checkpoint::load_self_model(path)?)
+            let desk = match &options.gridworld {
+                None => Desk::highway(options, models::checkpoint::load_self_model(path)?),
+                Some(scene) => {
+                    let layout = models::words::layout_of(scene)?;
+                    Desk::gridworld(options, Arc::new(DiscreteModel::load(path, layout)?))
+                }
+            };
+            decide(node, options, desk)
         }
     })
 }
 
-/// As [`run`], with a model that is in memory already.
+/// As [`run`], with a model of the highway that is in memory already.
 ///
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
     options.check()?;
-    join(arguments, |node| decide(node, options, model))
+    join(arguments, |node| {
+        decide(node, options, Desk::highway(options, model.clone()))
+    })
 }
 
 fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
@@ -151,7 +169,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
 }
 
 /// Sends planned decisions.
-fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
+fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = if lockstep {
         Receive::InOrder
@@ -164,8 +182,7 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut client = node.request_client()?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
-    let mut desk = Desk::new(options, model);
-    let mut waiting = Waiting::new(options.settings.samples);
+    let mut waiting = Waiting::new(options.settings.samples, desk.actions());
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
     node.needs_no_catching_up();
 
@@ -188,11 +205,11 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
             node.end_step();
             continue;
         }
-        if belief.latent as usize != model.sizes.latent {
+        if belief.latent as usize != desk.latent() {
             bail!(
                 "belief/robot has {} dimensions, the planner's self-model {}",
                 belief.latent,
-                model.sizes.latent
+                desk.latent()
             );
         }
         let deadline_ns = patience_ns.map(|patience| now_ns() + patience);
@@ -214,7 +231,6 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
         let acted = driver
             .message()
             .filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
-        let known_action = acted.map(|a| [a.throttle, a.steer]);
         let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
         let decision = loop {
             if !is_of_step(human.header()) {
@@ -228,7 +244,7 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
                 waiting: &mut waiting,
                 successor: lockstep.then_some(&mut human),
             };
-            match desk.plan(model, belief, known_action, speech_ready_s, &mut people) {
+            match desk.plan(belief, acted, speech_ready_s, &mut people) {
                 Err(PeopleError::Replaced) => {
                     client.give_up();
                     human.take()?;
@@ -238,9 +254,7 @@ fn decide(node: &mut Node, options: &Options, model: &SelfModel) -> Result<()> {
         };
         let late = !lockstep && now_ns() > belief.header.cause_ns + desk.step_ns();
         match decision {
-            Ok(decision) => {
-                decisions.send_with(stamp.next(), |out| desk.write(&decision, late, out))?
-            }
+            Ok(()) => decisions.send_with(stamp.next(), |out| desk.write(late, out))?,
             Err(PeopleError::Stopped) => break,
             Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
             Err(

@@ -1,6 +1,6 @@
 //! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
 
-use messages::{HumanBelief, ImagineRequest, MAX_GROUP};
+use messages::{CHOICES, HumanBelief, ImagineRequest, MAX_GROUP};
 use models::imagined::Moment;
 use models::{Communicated, Observations};
 use nn::Tensor;
@@ -23,11 +23,11 @@ struct Place {
 }
 
 impl Waiting {
-    /// Room for groups of together `samples` people.
-    pub fn new(samples: usize) -> Self {
+    /// Room for groups of together `samples` people, each with so many numbers to an action.
+    pub fn new(samples: usize, actions: usize) -> Self {
         Self {
             groups: core::array::from_fn(|_| Place {
-                actions: Tensor::new(messages::ACTIONS, samples / GROUPS),
+                actions: Tensor::new(actions, samples / GROUPS),
                 rows: 0,
                 answered: false,
             }),
@@ -100,11 +100,14 @@ impl RemotePeople<'_> {
         if answer.status != 0 || rows != place.rows || rows > MAX_GROUP {
             return Err(PeopleError::NoBelief);
         }
-        let actions = answer.action[..rows].as_flattened();
+        let width = place.actions.rows();
+        let Some(actions) = answer.action.get(..width * rows) else {
+            return Err(PeopleError::NoBelief);
+        };
         if !actions.iter().all(|a| a.is_finite()) {
             return Err(PeopleError::NoBelief); // numbers that nobody can act on are no answer
         }
-        place.actions.resize_to(messages::ACTIONS, rows);
+        place.actions.resize_to(width, rows);
         place.actions.data_mut().copy_from_slice(actions);
         place.answered = true;
         Ok(())
@@ -123,7 +126,10 @@ impl ImaginedPeople for RemotePeople<'_> {
             question.phase = 0;
             question.seed = seed;
             question.action_known = u32::from(known_action.is_some());
-            question.action = known_action.map_or([0.0; 2], |a| [a[0], a[1]]);
+            question.action = [0.0; CHOICES];
+            if let Some(action) = known_action {
+                question.action[..action.len()].copy_from_slice(action);
+            }
         })
     }
 
@@ -142,14 +148,12 @@ impl ImaginedPeople for RemotePeople<'_> {
             for (asked, bits) in question.communicated.iter_mut().zip(communicated) {
                 *asked = bits.0;
             }
-            question.lidar[..rows]
-                .as_flattened_mut()
-                .copy_from_slice(observations.visual.data());
+            let Observations { visual, verbal } = observations;
+            show(question, visual);
+            question.verbal_width = verbal.rows() as u32;
             // Without a word to anybody, all of this is masked.
             if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
-                question.verbal[..rows]
-                    .as_flattened_mut()
-                    .copy_from_slice(observations.verbal.data());
+                say(question, verbal);
             }
         })
     }
@@ -173,14 +177,14 @@ impl ImaginedPeople for RemotePeople<'_> {
             question.phase = COMPARE;
             question.seed = 0;
             question.action_known = 1;
-            question.action.copy_from_slice(moment.action.column(0));
+            let action = moment.action.column(0);
+            question.action[..action.len()].copy_from_slice(action);
             for (asked, bits) in question.communicated.iter_mut().zip(moment.communicated) {
                 *asked = bits.0;
             }
             let Observations { visual, verbal } = moment.observations;
-            let (lidar, words) = (&mut question.lidar[..rows], &mut question.verbal[..rows]);
-            lidar.as_flattened_mut().copy_from_slice(visual.data());
-            words.as_flattened_mut().copy_from_slice(verbal.data());
+            show(question, visual);
+            say(question, verbal);
             for (out, belief) in [
                 (&mut question.robot_mean, moment.robot_mean),
                 (&mut question.robot_deviation, moment.robot_deviation),
@@ -217,6 +221,18 @@ impl ImaginedPeople for RemotePeople<'_> {
             };
         }
     }
+}
+
+/// Writes what imagined people see, a person after the other.
+fn show(question: &mut ImagineRequest, visual: &Tensor) {
+    question.visual_width = visual.rows() as u32;
+    question.visual[..visual.data().len()].copy_from_slice(visual.data());
+}
+
+/// Writes what could be said to them.
+fn say(question: &mut ImagineRequest, verbal: &Tensor) {
+    question.verbal_width = verbal.rows() as u32;
+    question.verbal[..verbal.data().len()].copy_from_slice(verbal.data());
 }
 
 fn unreachable_port(error: PortError) -> PeopleError {

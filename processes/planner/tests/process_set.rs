@@ -67,7 +67,7 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
     let model = support::self_model();
     let mut human = support::human();
     let mut tracker = belief::Tracker::new(support::self_model());
-    let mut desk = Desk::new(&options, &model);
+    let mut desk = Desk::highway(&options, model.clone());
     let table = UtteranceTable::shipped().expect("the table ships");
     let rows = options.settings.samples / GROUPS;
     let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
@@ -89,7 +89,7 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             let mut verbal = 0;
             for utterance in &display.utterances[..display.utterance_count as usize] {
                 let said = [Said::Nothing, Said::Slow, Said::Fast][utterance.kind as usize];
-                let sector = utterance.sector as usize;
+                let sector = utterance.item as usize;
                 table.encode(sector, said, utterance.range_m, seen.verbal.column_mut(0));
                 verbal |= 1 << sector;
             }
@@ -106,11 +106,10 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             };
             taken = [action.throttle, action.steer];
             let ready_s = display.speech_ready_s;
-            let decision = desk
-                .plan(&model, &robot, Some(taken), ready_s, &mut local)
+            desk.plan(&robot, Some(&action), ready_s, &mut local)
                 .expect("local people answer");
             let mut out = CommAction::ZERO;
-            desk.write(&decision, false, &mut out);
+            desk.write(false, &mut out);
             decisions.push(out);
         }
     }
@@ -175,7 +174,7 @@ fn another_seed_decides_otherwise() {
         options.seed = seed;
         let model = support::self_model();
         let mut human = support::human();
-        let mut desk = Desk::new(&options, &model);
+        let mut desk = Desk::highway(&options, model.clone());
         let rows = options.settings.samples / GROUPS;
         let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
         let mut pending = vec![Tensor::new(2, rows); GROUPS];
@@ -188,9 +187,11 @@ fn another_seed_decides_otherwise() {
             groups: &mut groups,
             pending: &mut pending,
         };
-        desk.plan(&model, &robot, None, 0.0, &mut local)
-            .expect("local people answer")
-            .probability
+        desk.plan(&robot, None, 0.0, &mut local)
+            .expect("local people answer");
+        let mut out = CommAction::ZERO;
+        desk.write(false, &mut out);
+        (out.visual_probability, out.verbal_probability)
     };
     assert_eq!(probabilities(1), probabilities(1));
     assert_ne!(probabilities(1), probabilities(2));
@@ -200,14 +201,15 @@ fn another_seed_decides_otherwise() {
 #[test]
 fn questions_leave_the_person_untouched() {
     let table = || UtteranceTable::shipped().expect("the table ships");
-    let mut asked = Person::new(Box::new(support::human()), table());
-    let mut alone = Person::new(Box::new(support::human()), table());
+    let mut asked = Person::new(Box::new(support::human()), table(), 1);
+    let mut alone = Person::new(Box::new(support::human()), table(), 1);
     let mut script = Script::new(3);
     let mut question = Box::new(messages::ImagineRequest::ZERO);
+    (question.visual_width, question.verbal_width) = (113, 120);
     let mut answer = Box::new(messages::ImagineAnswer::ZERO);
     for step in 0..4 {
         let (frame, display, action) = script.next(step, None);
-        let taken = [action.throttle, action.steer];
+        let taken = Some(&action);
         let (mut first, mut second) = (HumanBelief::ZERO, HumanBelief::ZERO);
         asked.observe(&frame, &display, taken, &mut first);
         alone.observe(&frame, &display, taken, &mut second);

@@ -4,8 +4,8 @@
 //! is a pure function of what is recorded (beliefs, actions, seeds).
 
 use messages::{
-    CommAction, Control, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Outcome,
-    Report, RobotBelief, Scene, topic,
+    CommAction, Control, Display, DriverAction, Header, HumanBelief, LidarFrame, Message,
+    Observation, Outcome, Report, RobotBelief, Scene, topic,
 };
 use runtime::{Digest, Input, InputOptions, Node, PortError};
 
@@ -129,6 +129,7 @@ macro_rules! topics {
 
 topics! {
     lidar: LidarFrame on topic::LIDAR;
+    observation: Observation on topic::OBSERVATION;
     scene: Scene on topic::SCENE;
     outcome: Outcome on topic::OUTCOME;
     robot_belief: RobotBelief on topic::ROBOT_BELIEF;

@@ -1,13 +1,12 @@
 //! Turns a decision into what the person sees and hears: which objects get a box, which sentence is spoken, about which
 //! car, and when the next sentence may start.
 
+use crate::render::{Render, is_in_force};
+use domains::discrete::Scene;
 use domains::highway::Observation;
 use domains::highway::display::most_wanted;
 use domains::highway::speech::{self, SECTOR_AZIMUTHS, displayable};
 use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance};
-
-/// For how many steps a decision stays in force when the next is late, in real time.
-const HOLD_STEPS: u32 = 2;
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -19,6 +18,9 @@ pub struct Options {
     pub speech_interval_s: f32,
     /// Whether events are written to the standard output.
     pub print: bool,
+    /// The gridworld's scene; none on the highway.
+    #[serde(default)]
+    pub gridworld: Option<Scene>,
 }
 
 impl Default for Options {
@@ -28,6 +30,7 @@ impl Default for Options {
             step_s: 0.15,
             speech_interval_s: 3.5,
             print: true,
+            gridworld: None,
         }
     }
 }
@@ -62,13 +65,34 @@ impl Renderer {
         }
     }
 
-    /// Whether something of this episode was rendered already.
-    pub fn follows(&self, episode: u32) -> bool {
+    fn utterance(&mut self, frame: &LidarFrame, sector: usize) -> Utterance {
+        self.observation.range = frame.range;
+        self.observation.object = frame.object;
+        self.observation.speed_mps = frame.speed_mps;
+        let heard = speech::utterances(&self.observation)[sector];
+        let words = speech::sentence(sector, heard.kind).as_bytes();
+        let mut text = [0; 64];
+        // `sentence` promises at most 63 bytes, so that a zero follows.
+        let length = words.len().min(text.len() - 1);
+        text[..length].copy_from_slice(&words[..length]);
+        Utterance {
+            text,
+            item: sector as u32,
+            kind: heard.kind as u32,
+            range_m: heard.range_m,
+            speed_mps: heard.speed_mps,
+        }
+    }
+}
+
+impl Render for Renderer {
+    type Sensed = LidarFrame;
+
+    fn follows(&self, episode: u32) -> bool {
         self.episode == Some(episode)
     }
 
-    /// Begins with an episode, at its start or where `shown`, the last that another renderer showed of it, left off.
-    pub fn follow(&mut self, episode: u32, shown: Option<&Display>) {
+    fn follow(&mut self, episode: u32, shown: Option<&Display>) {
         (self.episode, self.ready_step, self.heard_step) = (Some(episode), 0, None);
         if let Some(shown) = shown.filter(|shown| shown.header.episode == episode) {
             let steps = (shown.speech_ready_s / self.step_s).round() as u32;
@@ -76,14 +100,8 @@ impl Renderer {
         }
     }
 
-    /// Fills in `display` for the step of `frame`: what `decision` highlights and says, resolved in what the LIDAR
-    /// sees now. Without a decision that is in force nothing is shown.
-    pub fn render(
-        &mut self,
-        frame: &LidarFrame,
-        decision: Option<&CommAction>,
-        display: &mut Display,
-    ) {
+    /// What `decision` highlights and says is resolved in what the LIDAR sees now.
+    fn render(&mut self, frame: &LidarFrame, decision: Option<&CommAction>, display: &mut Display) {
         let (episode, step) = (frame.header.episode, frame.header.step);
         if !self.follows(episode) {
             self.follow(episode, None);
@@ -92,7 +110,7 @@ impl Renderer {
         display.object_count = 0;
         display.utterance_count = 0;
         display.highlighted = 0;
-        if let Some(decision) = decision.filter(|decision| is_in_force(decision, frame)) {
+        if let Some(decision) = decision.filter(|decision| is_in_force(decision, &frame.header)) {
             highlight(frame, decision.visual, display);
             let is_new =
                 self.heard_step.replace(decision.header.step) != Some(decision.header.step);
@@ -107,31 +125,6 @@ impl Renderer {
         }
         display.speech_ready_s = self.ready_step.saturating_sub(step) as f32 * self.step_s;
     }
-
-    fn utterance(&mut self, frame: &LidarFrame, sector: usize) -> Utterance {
-        self.observation.range = frame.range;
-        self.observation.object = frame.object;
-        self.observation.speed_mps = frame.speed_mps;
-        let heard = speech::utterances(&self.observation)[sector];
-        let words = speech::sentence(sector, heard.kind).as_bytes();
-        let mut text = [0; 64];
-        // `sentence` promises at most 63 bytes, so that a zero follows.
-        let length = words.len().min(text.len() - 1);
-        text[..length].copy_from_slice(&words[..length]);
-        Utterance {
-            text,
-            sector: sector as u32,
-            kind: heard.kind as u32,
-            range_m: heard.range_m,
-            speed_mps: heard.speed_mps,
-        }
-    }
-}
-
-/// Whether a decision is for this frame's step, or for one shortly before it that no other has followed.
-fn is_in_force(decision: &CommAction, frame: &LidarFrame) -> bool {
-    let age = frame.header.step.checked_sub(decision.header.step);
-    decision.header.episode == frame.header.episode && age.is_some_and(|age| age <= HOLD_STEPS)
 }
 
 fn highlight(frame: &LidarFrame, visual: u32, display: &mut Display) {
@@ -222,7 +215,7 @@ mod tests {
         let cars = [(18, 2, 23.0, 18.2), (11, 3, 30.0, 5.0), (14, 4, 12.0, 8.8)];
         let wanted = [(2, 0.5), (3, 0.9)];
         let first = render(&mut renderer, &frame(10, &cars), 0, &wanted);
-        assert_eq!((first.utterance_count, first.utterances[0].sector), (1, 3));
+        assert_eq!((first.utterance_count, first.utterances[0].item), (1, 3));
         assert_eq!(first.utterances[0].kind, FAST);
         assert!((first.utterances[0].range_m - 23.0).abs() < 1e-5);
         assert_eq!(first.utterances[0].speed_mps, 18.2);
@@ -238,7 +231,7 @@ mod tests {
         assert_eq!(early.utterance_count, 0);
         assert!((early.speech_ready_s - 0.15).abs() < 1e-5);
         let later = render(&mut renderer, &frame(34, &cars), 0, &[(2, 0.5)]);
-        assert_eq!((later.utterance_count, later.utterances[0].sector), (1, 2));
+        assert_eq!((later.utterance_count, later.utterances[0].item), (1, 2));
         // The nearest car of the sector is the slow one at 12 m.
         assert_eq!(later.utterances[0].kind, SLOW);
         assert!((later.utterances[0].range_m - 12.0).abs() < 1e-5);

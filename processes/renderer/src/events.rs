@@ -1,6 +1,8 @@
-//! Writes what a person at the terminal should notice, one line per event.
+//! Writes what a person at the terminal should notice of a drive on the highway, one line per event.
 
 use crate::content::Options;
+use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
+use crate::render::Tell;
 use domains::highway::LIDAR_RANGE_M;
 use domains::highway::speech::{SECTOR_AZIMUTHS, SECTOR_NAMES};
 use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Outcome, SECTORS, Utterance};
@@ -9,19 +11,10 @@ use std::io::{self, Write};
 /// Seconds for which a sector must have been dark before its next highlight is an event again.
 const DARK_S: f32 = 1.5;
 
-const BOLD: &str = "\x1b[1m";
-const CYAN: &str = "\x1b[36m";
-const YELLOW: &str = "\x1b[33m";
-const RED: &str = "\x1b[31m";
-const PLAIN: &str = "\x1b[0m";
-
 /// The lines, written to `out`; its errors are left to `out`, because a closed terminal must not stop a run.
 pub struct Events<W> {
-    out: W,
-    colours: bool,
-    step_s: f32,
+    lines: Lines<W>,
     dark_steps: u32,
-    episode: Option<u32>,
     /// Step at which each sector was last highlighted in this episode.
     lit: [Option<u32>; SECTORS],
 }
@@ -30,88 +23,28 @@ impl<W: Write> Events<W> {
     /// Writes to `out`, with colours if it is a terminal.
     pub fn new(out: W, colours: bool, options: &Options) -> Self {
         Self {
-            out,
-            colours,
-            step_s: options.step_s,
+            lines: Lines::new(out, colours, options.step_s),
             dark_steps: (DARK_S / options.step_s).ceil() as u32,
-            episode: None,
             lit: [None; SECTORS],
         }
     }
 
-    /// What is shown and said now, as far as it is news.
-    ///
-    /// # Errors
-    /// What `out` gives.
-    pub fn display(&mut self, display: &Display, frame: &LidarFrame) -> io::Result<()> {
-        let (episode, step) = (frame.header.episode, frame.header.step);
-        self.enter(episode)?;
-        let spoken = (display.utterance_count as usize).min(display.utterances.len());
-        for utterance in &display.utterances[..spoken] {
-            self.say(step, utterance)?;
-        }
-        let mut news = 0;
-        for sector in (0..SECTORS).filter(|sector| display.highlighted >> sector & 1 == 1) {
-            let dark =
-                self.lit[sector].is_none_or(|lit| step.saturating_sub(lit) > self.dark_steps);
-            news |= u32::from(dark) << sector;
-            self.lit[sector] = Some(step);
-        }
-        if news != 0 {
-            self.show(step, news, frame)
-        } else {
-            Ok(())
-        }
-    }
-
-    /// A collision or the end of an episode.
-    ///
-    /// # Errors
-    /// What `out` gives.
-    pub fn outcome(&mut self, outcome: &Outcome) -> io::Result<()> {
-        self.enter(outcome.header.episode)?;
-        let step = outcome.header.step;
-        if outcome.collided != 0 {
-            match outcome.other {
-                -2 => self.line(step, RED, "CRASH", format_args!("left the road"))?,
-                car => self.line(step, RED, "CRASH", format_args!("hit car {car}"))?,
-            }
-        }
-        let how = match outcome.end {
-            1 => "goal reached",
-            2 => "ended by a collision",
-            3 => "out of time",
-            _ => return Ok(()),
-        };
-        self.line(
-            step,
-            BOLD,
-            "END",
-            format_args!("episode {}: {how}", outcome.header.episode),
-        )
-    }
-
     fn enter(&mut self, episode: u32) -> io::Result<()> {
-        if self.episode != Some(episode) {
-            self.episode = Some(episode);
+        if self.lines.enter(episode)? {
             self.lit = [None; SECTORS];
-            self.line(0, BOLD, "START", format_args!("episode {episode}"))?;
         }
         Ok(())
     }
 
     fn say(&mut self, step: u32, utterance: &Utterance) -> io::Result<()> {
-        let text = utterance
-            .text
-            .split(|&byte| byte == 0)
-            .next()
-            .unwrap_or_default();
-        let text = String::from_utf8_lossy(text);
-        let sector = SECTOR_NAMES.get(utterance.sector as usize).unwrap_or(&"?");
+        let text = text_of(utterance);
+        let sector = SECTOR_NAMES.get(utterance.item as usize).unwrap_or(&"?");
         let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
         match utterance.kind {
-            0 => self.line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),
-            _ => self.line(
+            0 => self
+                .lines
+                .line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),
+            _ => self.lines.line(
                 step,
                 CYAN,
                 "SAY",
@@ -133,23 +66,49 @@ impl<W: Write> Events<W> {
                 None => what += " (no car)",
             }
         }
-        self.line(step, YELLOW, "SHOW", format_args!("{what}"))
+        self.lines
+            .line(step, YELLOW, "SHOW", format_args!("{what}"))
+    }
+}
+
+impl<W: Write> Tell for Events<W> {
+    type Sensed = LidarFrame;
+
+    fn display(&mut self, display: &Display, frame: &LidarFrame) -> io::Result<()> {
+        let (episode, step) = (frame.header.episode, frame.header.step);
+        self.enter(episode)?;
+        let spoken = (display.utterance_count as usize).min(display.utterances.len());
+        for utterance in &display.utterances[..spoken] {
+            self.say(step, utterance)?;
+        }
+        let mut news = 0;
+        for sector in (0..SECTORS).filter(|sector| display.highlighted >> sector & 1 == 1) {
+            let dark =
+                self.lit[sector].is_none_or(|lit| step.saturating_sub(lit) > self.dark_steps);
+            news |= u32::from(dark) << sector;
+            self.lit[sector] = Some(step);
+        }
+        if news != 0 {
+            self.show(step, news, frame)
+        } else {
+            Ok(())
+        }
     }
 
-    fn line(
-        &mut self,
-        step: u32,
-        colour: &str,
-        word: &str,
-        rest: core::fmt::Arguments,
-    ) -> io::Result<()> {
-        let (colour, plain) = if self.colours {
-            (colour, PLAIN)
-        } else {
-            ("", "")
-        };
-        let time_s = step as f32 * self.step_s;
-        writeln!(self.out, "{time_s:7.2} s  {colour}{word:<5}{plain}  {rest}")
+    fn outcome(&mut self, outcome: &Outcome) -> io::Result<()> {
+        self.enter(outcome.header.episode)?;
+        let step = outcome.header.step;
+        if outcome.collided != 0 {
+            match outcome.other {
+                -2 => self
+                    .lines
+                    .line(step, RED, "CRASH", format_args!("left the road"))?,
+                car => self
+                    .lines
+                    .line(step, RED, "CRASH", format_args!("hit car {car}"))?,
+            }
+        }
+        self.lines.end(outcome, "goal reached")
     }
 }
 
@@ -169,6 +128,7 @@ fn nearest_in(frame: &LidarFrame, sector: usize) -> Option<(f32, f32)> {
 mod tests {
     use super::*;
     use crate::content::Renderer;
+    use crate::render::Render;
     use messages::{CommAction, Message};
 
     fn frame(step: u32) -> LidarFrame {

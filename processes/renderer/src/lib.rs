@@ -2,14 +2,20 @@
 
 mod content;
 mod events;
+mod gridworld;
+mod lines;
+mod render;
 
 pub use content::{Options, Renderer};
 pub use events::Events;
+pub use gridworld::{GridEvents, GridRenderer};
+pub use render::{Render, Tell};
 
 use anyhow::Result;
-use messages::{CommAction, Display, Header, LidarFrame, Outcome, topic};
+use messages::{CommAction, Display, Outcome, Sensed, topic};
 use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake};
 use std::io::{self, IsTerminal};
+use std::sync::Arc;
 
 /// Joins the run and renders until it ends.
 ///
@@ -17,10 +23,22 @@ use std::io::{self, IsTerminal};
 /// When the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let result = Process::new(&node, options).and_then(|mut process| match arguments.clock {
-        ClockMode::Lockstep => process.lockstep(&mut node),
-        ClockMode::RealTime => process.real_time(&mut node),
-    });
+    let result = match &options.gridworld {
+        None => {
+            let events = |colours| Events::new(io::stdout(), colours, options);
+            let renderer = Renderer::new(options);
+            render(&mut node, options, renderer, events)
+        }
+        Some(scene) => models::words::layout_of(scene)
+            .and_then(|layout| Ok((layout, models::words::shipped(scene.domain())?)))
+            .map_err(Into::into)
+            .and_then(|(layout, words)| {
+                let told = Arc::clone(&layout);
+                let events = |colours| GridEvents::new(io::stdout(), colours, options, told);
+                let renderer = GridRenderer::new(layout, words);
+                render(&mut node, options, renderer, events)
+            }),
+    };
     let told = match &result {
         Ok(()) => node.finish(),
         Err(error) => node.fail(&format!("{error:#}")),
@@ -29,26 +47,40 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     result.and(told.map_err(Into::into))
 }
 
-struct Process {
-    lidar: Input<LidarFrame>,
+/// Renders until the run ends. `events`: what tells the terminal, with colours or without.
+fn render<R: Render, T: Tell<Sensed = R::Sensed>>(
+    node: &mut Node,
+    options: &Options,
+    renderer: R,
+    events: impl FnOnce(bool) -> T,
+) -> Result<()> {
+    let events = options.print.then(|| events(io::stdout().is_terminal()));
+    let mut process = Process::new(node, renderer, events)?;
+    match node.arguments().clock {
+        ClockMode::Lockstep => process.lockstep(node),
+        ClockMode::RealTime => process.real_time(node),
+    }
+}
+
+struct Process<R: Render, T> {
+    sensed: Input<R::Sensed>,
     decision: Input<CommAction>,
     outcome: Input<Outcome>,
     display: Output<Display>,
     /// What a predecessor showed, for one that joins late.
     shown: Option<Input<Display>>,
-    renderer: Renderer,
-    events: Option<Events<io::Stdout>>,
+    renderer: R,
+    events: Option<T>,
 }
 
-impl Process {
-    fn new(node: &Node, options: &Options) -> Result<Self> {
+impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
+    fn new(node: &Node, renderer: R, events: Option<T>) -> Result<Self> {
         let receive = match node.arguments().clock {
             ClockMode::Lockstep => Receive::InOrder,
             ClockMode::RealTime => Receive::Newest,
         };
-        let colours = io::stdout().is_terminal();
         Ok(Self {
-            lidar: node.input(topic::LIDAR, receive)?,
+            sensed: node.input(R::Sensed::TOPIC, receive)?,
             decision: node.input(topic::COMM_ACTION, receive)?,
             outcome: node.input(topic::OUTCOME, Receive::InOrder)?,
             display: node.output(topic::DISPLAY)?,
@@ -62,10 +94,8 @@ impl Process {
                     Some(node.input_with(topic::DISPLAY, asleep)?.uncounted())
                 }
             },
-            renderer: Renderer::new(options),
-            events: options
-                .print
-                .then(|| Events::new(io::stdout(), colours, options)),
+            renderer,
+            events,
         })
     }
 
@@ -74,10 +104,10 @@ impl Process {
         if node.ready()? == Wake::Stop {
             return Ok(());
         }
-        while node.wait(&mut [&mut self.lidar], None)? != Wake::Stop {
-            self.lidar.take()?;
+        while node.wait(&mut [&mut self.sensed], None)? != Wake::Stop {
+            self.sensed.take()?;
             let Some((episode, step)) = self
-                .lidar
+                .sensed
                 .header()
                 .map(|header| (header.episode, header.step))
             else {
@@ -103,14 +133,14 @@ impl Process {
             return Ok(());
         }
         while node.wait(
-            &mut [&mut self.lidar, &mut self.decision, &mut self.outcome],
+            &mut [&mut self.sensed, &mut self.decision, &mut self.outcome],
             None,
         )? != Wake::Stop
         {
-            let sensed = self.lidar.take()?;
+            let is_new = self.sensed.take()?;
             let decided = self.decision.take()?;
-            if sensed || (decided && self.is_late()) {
-                node.count_missed(u64::from(!sensed));
+            if is_new || (decided && self.is_late()) {
+                node.count_missed(u64::from(!is_new));
                 self.show(node)?;
                 node.end_step();
             } else {
@@ -123,15 +153,15 @@ impl Process {
     /// Whether the newest decision is for the frame that was already shown without it.
     fn is_late(&self) -> bool {
         let place = |header: &messages::Header| (header.episode, header.step);
-        self.decision.header().map(place) <= self.lidar.header().map(place)
+        self.decision.header().map(place) <= self.sensed.header().map(place)
     }
 
     fn show(&mut self, node: &Node) -> Result<()> {
         self.tell_outcomes(node)?;
-        let Some(frame) = self.lidar.message() else {
+        let (Some(sensed), Some(header)) = (self.sensed.message(), self.sensed.header()) else {
             return Ok(());
         };
-        let Header { episode, step, .. } = frame.header;
+        let (episode, step) = (header.episode, header.step);
         if !self.renderer.follows(episode) {
             // What a predecessor said in this episode is still in the person's ears.
             if let Some(shown) = &mut self.shown {
@@ -144,14 +174,14 @@ impl Process {
         }
         let mut display = self.display.loan()?;
         self.renderer
-            .render(frame, self.decision.message(), &mut display);
+            .render(sensed, self.decision.message(), &mut display);
         if let Some(events) = &mut self.events
             && node.speaks(episode, step)
         {
             // A closed terminal is no reason to stop showing.
-            let _ = events.display(&display, frame);
+            let _ = events.display(&display, sensed);
         }
-        display.send(Stamp::of(&frame.header))?;
+        display.send(Stamp::of(header))?;
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! The renderer in a run: in lockstep every frame gets the display that its decision asks for.
 
 use messages::{AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, topic};
-use renderer::{Options, Renderer};
+use renderer::{Options, Render, Renderer};
 use runtime::{
     ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments,
     Stamp, Wake, now_ns,

@@ -1,8 +1,8 @@
 //! A recorded drive, step by step: what was sensed, shown and done, and what was believed and decided then.
 
 use messages::{
-    CommAction, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Outcome,
-    RobotBelief, topic,
+    CommAction, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Observation,
+    Outcome, RobotBelief, topic,
 };
 use recorder::parts::{parts_of, read_parts};
 use recorder::read::{Ending, Found, ReadError, run_of};
@@ -12,14 +12,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Topics that a recording must have for a replay.
-const NEEDED: [&str; 6] = [
-    topic::LIDAR,
+const NEEDED: [&str; 5] = [
     topic::DISPLAY,
     topic::DRIVER_ACTION,
     topic::ROBOT_BELIEF,
     topic::HUMAN_BELIEF,
     topic::COMM_ACTION,
 ];
+
+/// Of these, one.
+const SENSED: [&str; 2] = [topic::LIDAR, topic::OBSERVATION];
 
 /// Topics of the processes that a replay asks again.
 const ASKED: [&str; 3] = [topic::ROBOT_BELIEF, topic::HUMAN_BELIEF, topic::COMM_ACTION];
@@ -49,7 +51,7 @@ pub enum DriveError {
         ending: Ending,
     },
     /// Messages of all topics are there, but no step has what is needed.
-    #[error("{}: no step has a LIDAR frame and a display ({ending})", path.display())]
+    #[error("{}: no step has what was sensed and a display ({ending})", path.display())]
     NoStep {
         /// The file.
         path: PathBuf,
@@ -86,11 +88,20 @@ impl From<&HumanBelief> for HumanSaid {
     }
 }
 
+/// What was sensed at a step.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Seen {
+    /// On the highway.
+    Lidar(Box<LidarFrame>),
+    /// In a gridworld.
+    Grid(Box<Observation>),
+}
+
 /// A recorded step; whatever is missing in the recording is missing here.
 #[derive(Clone, Debug, Default)]
 pub struct Step {
     /// What was sensed.
-    pub lidar: Option<Box<LidarFrame>>,
+    pub seen: Option<Seen>,
     /// What the step before led to.
     pub outcome: Option<Outcome>,
     /// What was shown and said. In real time a step may be shown twice, when its decision comes late: the last display
@@ -109,11 +120,11 @@ pub struct Step {
 impl Step {
     /// Whether the step can be replayed; a missing action is filled in.
     pub fn is_whole(&self) -> bool {
-        self.lidar.is_some() && self.display.is_some()
+        self.seen.is_some() && self.display.is_some()
     }
 
     fn is_empty(&self) -> bool {
-        self.lidar.is_none()
+        self.seen.is_none()
             && self.outcome.is_none()
             && self.display.is_none()
             && self.action.is_none()
@@ -227,7 +238,8 @@ impl Reading {
         let at = (header.episode, header.step);
         let step = self.drive.steps.entry(at).or_default();
         match message {
-            Recorded::LidarFrame(frame) => step.lidar = Some(Box::new(*frame)),
+            Recorded::LidarFrame(frame) => step.seen = Some(Seen::Lidar(Box::new(*frame))),
+            Recorded::Observation(seen) => step.seen = Some(Seen::Grid(Box::new(*seen))),
             Recorded::Outcome(outcome) => step.outcome = Some(*outcome),
             Recorded::Display(display) => step.show(display),
             Recorded::DriverAction(action) => step.action = Some(*action),
@@ -252,15 +264,15 @@ impl Reading {
         if self.received.iter().sum::<u64>() == 0 {
             return Err(DriveError::Empty { path, ending });
         }
-        let is_missing = |name: &&&str| {
+        let is_missing = |name: &&str| {
             let mut topics = TOPICS.iter().zip(self.received);
-            topics.any(|(topic, count)| topic.name == **name && count == 0)
+            topics.any(|(topic, count)| topic.name == *name && count == 0)
         };
-        let missing: Vec<_> = NEEDED
-            .iter()
-            .filter(is_missing)
-            .map(|name| format!("/{name}"))
-            .collect();
+        let missing = NEEDED.iter().filter(|name| is_missing(name));
+        let mut missing: Vec<_> = missing.map(|name| format!("/{name}")).collect();
+        if SENSED.iter().all(|name| is_missing(&name)) {
+            missing.insert(0, format!("/{}", SENSED.join(" or /")));
+        }
         if !missing.is_empty() {
             let topics = missing.join(", ");
             return Err(DriveError::Missing {

@@ -1,7 +1,7 @@
 //! The replay process: plays world, driver and renderer from a recording, in lockstep, and compares what belief, human
 //! model and planner say to it with what they said then.
 //!
-//! At step k it sends the recorded frame, display and action, and waits for z^R_k, z^H_k and the decision for k + 1. The
+//! At step k it sends what was sensed, the recorded display and action, and waits for z^R_k, z^H_k and the decision for k + 1. The
 //! person and the world are as recorded: every decision is asked for in the situation of that time, whatever was decided
 //! for the step before.
 //!
@@ -12,12 +12,13 @@
 mod drive;
 mod row;
 
-pub use drive::{Digest, Drive, DriveError, HumanSaid, Part, Step, digest_of};
+pub use drive::{Digest, Drive, DriveError, HumanSaid, Part, Seen, Step, digest_of};
 pub use row::{Decision, Row, load as load_rows};
 
 use anyhow::{Context, Result, bail};
 use messages::{
-    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Outcome, RobotBelief, topic,
+    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Observation, Outcome,
+    RobotBelief, topic,
 };
 use runtime::{Input, Node, Output, Receive, RunArguments, Stamp, Wake};
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 
 struct Ports {
     lidar: Output<LidarFrame>,
+    observation: Output<Observation>,
     outcome: Output<Outcome>,
     display: Output<Display>,
     action: Output<DriverAction>,
@@ -62,6 +64,7 @@ impl Ports {
     fn new(node: &Node) -> Result<Self> {
         Ok(Self {
             lidar: node.output(topic::LIDAR)?,
+            observation: node.output(topic::OBSERVATION)?,
             outcome: node.output(topic::OUTCOME)?,
             display: node.output(topic::DISPLAY)?,
             action: node.output(topic::DRIVER_ACTION)?,
@@ -94,7 +97,7 @@ struct Player<'a> {
     /// The step played last.
     last: Option<(u32, u32)>,
     /// What the person did last.
-    held: [f32; 2],
+    held: DriverAction,
     /// Whether something before this step in its episode is missing in the recording.
     after_gap: bool,
 }
@@ -105,7 +108,7 @@ impl<'a> Player<'a> {
             drive,
             rows: Vec::with_capacity(drive.steps.len()),
             last: None,
-            held: [0.0; 2],
+            held: DriverAction::ZERO,
             after_gap: false,
         }
     }
@@ -114,13 +117,11 @@ impl<'a> Player<'a> {
     fn play(&mut self, node: &mut Node, ports: &mut Ports, at: (u32, u32)) -> Result<Wake> {
         let (episode, step) = at;
         let recorded = &self.drive.steps[&at];
-        let action = recorded
-            .action
-            .map(|action| [action.throttle, action.steer]);
+        let action = recorded.action;
         if self.last.is_none_or(|(played, _)| played != episode) {
-            (self.held, self.after_gap) = ([0.0; 2], false);
+            (self.held, self.after_gap) = (DriverAction::ZERO, false);
         }
-        let (Some(frame), Some(display)) = (&recorded.lidar, &recorded.display) else {
+        let (Some(seen), Some(display)) = (&recorded.seen, &recorded.display) else {
             self.held = action.unwrap_or(self.held);
             return Ok(Wake::Message);
         };
@@ -134,7 +135,10 @@ impl<'a> Player<'a> {
         if action.is_none() && is_last() {
             return Ok(Wake::Message); // the recording was cut in this step
         }
-        let stamp = Stamp::of(&frame.header);
+        let stamp = Stamp::of(match seen {
+            Seen::Lidar(frame) => &frame.header,
+            Seen::Grid(observation) => &observation.header,
+        });
         if step > 0 && self.last != Some((episode, step - 1)) {
             self.after_gap = true;
             let before = Stamp {
@@ -148,7 +152,10 @@ impl<'a> Player<'a> {
         if let Some(outcome) = &recorded.outcome {
             ports.outcome.send_with(stamp, |out| *out = *outcome)?;
         }
-        ports.lidar.send_with(stamp, |out| *out = **frame)?;
+        match seen {
+            Seen::Lidar(frame) => ports.lidar.send_with(stamp, |out| *out = **frame)?,
+            Seen::Grid(seen) => ports.observation.send_with(stamp, |out| *out = **seen)?,
+        }
         ports.display.send_with(stamp, |out| *out = **display)?;
         act(ports, stamp, self.held)?;
         let Ports {
@@ -206,8 +213,6 @@ impl<'a> Player<'a> {
     }
 }
 
-fn act(ports: &Ports, stamp: Stamp, [throttle, steer]: [f32; 2]) -> Result<()> {
-    Ok(ports.action.send_with(stamp, |action| {
-        (action.throttle, action.steer) = (throttle, steer)
-    })?)
+fn act(ports: &Ports, stamp: Stamp, action: DriverAction) -> Result<()> {
+    Ok(ports.action.send_with(stamp, |out| *out = action)?)
 }

@@ -1,6 +1,6 @@
 //! What a replay finds out about a step, for the report: one row per step, kept as JSON lines.
 
-use messages::{CommAction, SECTORS};
+use messages::{CommAction, VERBAL_ITEMS, VISUAL_ITEMS};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
@@ -8,30 +8,37 @@ use std::path::Path;
 
 /// Numbers that are no numbers have no word in JSON: they are written as null.
 mod number {
+    use super::{VERBAL_ITEMS, VISUAL_ITEMS};
     use serde::{Deserialize, Deserializer};
 
     pub fn one<'de, D: Deserializer<'de>>(from: D) -> Result<f32, D::Error> {
         Ok(Option::deserialize(from)?.unwrap_or(f32::NAN))
     }
 
-    pub fn six<'de, D: Deserializer<'de>>(from: D) -> Result<[f32; 6], D::Error> {
-        Ok(<[Option<f32>; 6]>::deserialize(from)?.map(|number| number.unwrap_or(f32::NAN)))
+    pub fn visual<'de, D: Deserializer<'de>>(from: D) -> Result<[f32; VISUAL_ITEMS], D::Error> {
+        let numbers = <[Option<f32>; VISUAL_ITEMS]>::deserialize(from)?;
+        Ok(numbers.map(|number| number.unwrap_or(f32::NAN)))
+    }
+
+    pub fn verbal<'de, D: Deserializer<'de>>(from: D) -> Result<[f32; VERBAL_ITEMS], D::Error> {
+        let numbers = <[Option<f32>; VERBAL_ITEMS]>::deserialize(from)?;
+        Ok(numbers.map(|number| number.unwrap_or(f32::NAN)))
     }
 }
 
 /// A decision, without what the report has no use for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
-    /// A bit per sector to highlight.
+    /// A bit per visual item to show.
     pub visual: u32,
-    /// A bit per sector to speak about.
+    /// A bit per verbal item to say.
     pub verbal: u32,
     /// Probability of each visual item.
-    #[serde(deserialize_with = "number::six")]
-    pub visual_probability: [f32; SECTORS],
+    #[serde(deserialize_with = "number::visual")]
+    pub visual_probability: [f32; VISUAL_ITEMS],
     /// Probability of each verbal item.
-    #[serde(deserialize_with = "number::six")]
-    pub verbal_probability: [f32; SECTORS],
+    #[serde(deserialize_with = "number::verbal")]
+    pub verbal_probability: [f32; VERBAL_ITEMS],
     /// Predicted value of the plan.
     #[serde(deserialize_with = "number::one")]
     pub value: f32,

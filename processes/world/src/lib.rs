@@ -2,19 +2,24 @@
 //!
 //! A world hands over to another, and takes over, between two episodes.
 //!
-//! At step k it publishes the outcome of step k − 1, the scene and the LIDAR frame k, waits for the driver's action k
-//! (lockstep) or for the beat (real time), and steps. The step that ends an episode has an outcome and a scene, but no
-//! frame: nobody is asked to act on it.
+//! At step k it publishes the outcome of step k − 1, what is true and what can be sensed at k, waits for the driver's action k
+//! (lockstep) or for the beat (real time), and steps. The step that ends an episode has an outcome, but nothing to be sensed:
+//! nobody is asked to act on it.
 
+mod gridworld;
+mod highway;
 mod options;
 mod ports;
+mod truth;
 
-pub use options::Options;
+pub use options::{Options, Place, Road};
 
 use anyhow::Result;
-use domains::highway::{End, Outcome, World};
+use gridworld::Gridworld;
+use highway::Highway;
 use ports::Ports;
 use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns};
+use truth::Truth;
 
 /// Joins the run and drives its episodes to the end.
 ///
@@ -22,7 +27,15 @@ use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns};
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
-    let result = drive(&mut node, options);
+    let result = match &options.place {
+        Place::Highway(road) => road
+            .world()
+            .and_then(|world| Highway::new(&node, world))
+            .and_then(|world| drive(&mut node, options, world)),
+        Place::Gridworld(scene) => {
+            Gridworld::new(scene).and_then(|world| drive(&mut node, options, world))
+        }
+    };
     match &result {
         Ok(()) => node.finish()?,
         Err(error) => node.fail(&format!("{error:#}"))?,
@@ -30,8 +43,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     result
 }
 
-fn drive(node: &mut Node, options: &Options) -> Result<()> {
-    let mut world = options.world()?;
+fn drive<T: Truth>(node: &mut Node, options: &Options, mut world: T) -> Result<()> {
     let mut ports = Ports::new(node)?;
     if node.ready()? == Wake::Stop {
         return Ok(());
@@ -61,56 +73,56 @@ fn drive(node: &mut Node, options: &Options) -> Result<()> {
 }
 
 /// An episode in which the world waits for every action, however long it takes.
-fn lockstep(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32) -> Result<Wake> {
-    let mut outcome = Outcome::default();
+fn lockstep<T: Truth>(
+    node: &mut Node,
+    ports: &mut Ports<T::Sensed>,
+    world: &mut T,
+    episode: u32,
+) -> Result<Wake> {
     for step in 0.. {
         if ports.keep_together(node, episode, step)? == Wake::Stop {
             return Ok(Wake::Stop);
         }
-        if outcome.end != End::Running {
-            // When these two are there, everything that others send in this episode has been sent.
-            if ports.await_last(node, episode, step)? == Wake::Stop {
-                return Ok(Wake::Stop);
-            }
-            ports.publish(world, &outcome, episode, step)?;
-            node.end_step();
-            break;
+        // When these two are there, everything that others send in this episode has been sent.
+        if !world.is_running() && ports.await_last(node, episode, step)? == Wake::Stop {
+            return Ok(Wake::Stop);
         }
-        ports.publish(world, &outcome, episode, step)?;
+        ports.publish(world, episode, step)?;
         // A step ends where what it moved is published, so that a frame's compute time covers the moving.
         node.end_step();
+        if !world.is_running() {
+            break;
+        }
         if node.wait_step(&mut [&mut ports.action], episode, step, None)? == Wake::Stop {
             return Ok(Wake::Stop);
         }
-        outcome = world.step(ports.action());
+        world.step(step, ports.action.message());
     }
     Ok(Wake::Message)
 }
 
 /// An episode at the scene's own pace, with the newest action; an action that is not there in time is counted as a
-/// missed deadline, and the one before it holds.
-fn real_time(node: &mut Node, ports: &mut Ports, world: &mut World, episode: u32) -> Result<Wake> {
-    let clock = &world.scene().clock;
-    let period_ns = 1e9 * world.scene().step_s() / clock.rate;
-    let mut ticker = Ticker::new(now_ns(), period_ns as u64);
-    let (mut outcome, mut held) = (Outcome::default(), [0.0; 2]);
+/// missed deadline.
+fn real_time<T: Truth>(
+    node: &mut Node,
+    ports: &mut Ports<T::Sensed>,
+    world: &mut T,
+    episode: u32,
+) -> Result<Wake> {
+    let mut ticker = Ticker::new(now_ns(), world.step_ns());
     for step in 0.. {
-        ports.publish(world, &outcome, episode, step)?;
+        ports.publish(world, episode, step)?;
         node.end_step();
-        if outcome.end != End::Running {
+        if !world.is_running() {
             break;
         }
         if node.wait_tick(&mut ticker)? == Wake::Stop {
             return Ok(Wake::Stop);
         }
-        match ports.newest_action(episode)? {
-            Some((decided_at, action)) => {
-                held = action;
-                node.count_missed(u64::from(decided_at < step));
-            }
-            None => node.count_missed(1),
-        }
-        outcome = world.step(held);
+        let action = ports.newest_action(episode)?;
+        let is_late = action.is_none_or(|action| action.header.step < step);
+        world.step(step, action);
+        node.count_missed(u64::from(is_late));
     }
     Ok(Wake::Message)
 }

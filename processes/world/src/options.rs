@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use domains::commonroad::Scenario;
+use domains::discrete;
 use domains::highway::{Scene, World};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -11,6 +12,30 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
+    /// Which world.
+    pub place: Place,
+    /// Episodes to drive.
+    pub episodes: u32,
+    /// Seed of everything that is drawn.
+    pub seed: u64,
+}
+
+/// A world of some domain.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+// One of them exists, once.
+#[allow(clippy::large_enum_variant)]
+pub enum Place {
+    /// The highway.
+    Highway(Road),
+    /// Driving, search and rescue, or bomb defusal.
+    Gridworld(discrete::Scene),
+}
+
+/// A highway, its own or a recorded one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Road {
     /// The scene.
     pub scene: Scene,
     /// The CommonRoad file whose road and traffic take the place of the scene's own.
@@ -19,13 +44,9 @@ pub struct Options {
     /// The recorded car that is the driver's; without it, the ego car starts where the planning problem says.
     #[serde(default)]
     pub seat: Option<i32>,
-    /// Episodes to drive.
-    pub episodes: u32,
-    /// Seed of everything that is drawn.
-    pub seed: u64,
 }
 
-impl Options {
+impl Road {
     /// Builds the world.
     ///
     /// # Errors

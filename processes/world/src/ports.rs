@@ -1,12 +1,8 @@
-//! The world's ports, and the translation between the domain's types and its messages.
+//! The world's ports, but for those that only one domain has.
 
+use crate::truth::Truth;
 use anyhow::Result;
-use domains::highway::traffic::CarState;
-use domains::highway::{self, End, World};
-use messages::{
-    CommAction, DriverAction, HumanBelief, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene,
-    topic,
-};
+use messages::{CommAction, DriverAction, HumanBelief, Outcome, Sensed, topic};
 use runtime::{
     ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns,
 };
@@ -17,9 +13,8 @@ const LOOK_NS: u64 = 200_000;
 const MOST_BEHIND: u32 = 16;
 
 /// Ports of the world process.
-pub struct Ports {
-    lidar: Output<LidarFrame>,
-    scene: Output<Scene>,
+pub struct Ports<S: Sensed> {
+    sensed: Output<S>,
     outcome: Output<Outcome>,
     /// The driver's actions.
     pub action: Input<DriverAction>,
@@ -29,11 +24,9 @@ pub struct Ports {
     /// spoken, so the message that came last does not tell.
     human_at: Option<(u32, u32)>,
     decision: Input<CommAction>,
-    /// Squared distance and index of every car present; only used where more are present than a message holds.
-    by_distance: Vec<(f64, usize)>,
 }
 
-impl Ports {
+impl<S: Sensed> Ports<S> {
     /// Makes them.
     pub fn new(node: &Node) -> Result<Self> {
         let receive = match node.arguments().clock {
@@ -46,8 +39,7 @@ impl Ports {
             ..InputOptions::new(Receive::Newest)
         };
         Ok(Self {
-            lidar: node.output(topic::LIDAR)?,
-            scene: node.output(topic::SCENE)?,
+            sensed: node.output(S::TOPIC)?,
             outcome: node.output(topic::OUTCOME)?,
             action: node.input(topic::DRIVER_ACTION, receive)?,
             human: node.input_with(
@@ -59,7 +51,6 @@ impl Ports {
             )?,
             human_at: None,
             decision: node.input_with(topic::COMM_ACTION, asleep)?,
-            by_distance: Vec::with_capacity(1024),
         })
     }
 
@@ -106,48 +97,25 @@ impl Ports {
         }
     }
 
-    /// The action that the driver sent last.
-    pub fn action(&self) -> [f32; 2] {
-        self.action
-            .message()
-            .map_or([0.0; 2], |action| [action.throttle, action.steer])
-    }
-
-    /// The newest action of this episode, and the step that it was decided at.
-    pub fn newest_action(&mut self, episode: u32) -> Result<Option<(u32, [f32; 2])>> {
+    /// The newest action of this episode.
+    pub fn newest_action(&mut self, episode: u32) -> Result<Option<&DriverAction>> {
         self.action.take()?;
-        let header = self
-            .action
-            .header()
-            .filter(|header| header.episode == episode);
-        Ok(header
-            .map(|header| header.step)
-            .map(|step| (step, self.action())))
+        let action = self.action.message();
+        Ok(action.filter(|action| action.header.episode == episode))
     }
 
-    /// Sends what is true and what is sensed at a step; the frame last, because it is what sets everybody to work.
+    /// Sends what is true and what is sensed at a step; what is sensed last, because it is what sets everybody to work.
     pub fn publish(
         &mut self,
-        world: &World,
-        outcome: &highway::Outcome,
+        world: &mut impl Truth<Sensed = S>,
         episode: u32,
         step: u32,
     ) -> Result<()> {
         let stamp = Stamp::sensed(episode, step);
-        self.outcome
-            .send_with(stamp, |message| write_outcome(outcome, message))?;
-        let by_distance = &mut self.by_distance;
-        self.scene
-            .send_with(stamp, |message| write_scene(world, by_distance, message))?;
-        if outcome.end == End::Running {
-            self.lidar.send_with(stamp, |message| {
-                let sensed = world.observation();
-                message.range = sensed.range;
-                message.object = sensed.object;
-                message.speed_mps = sensed.speed_mps;
-                message.ego = sensed.ego;
-                message.moving = u32::from(sensed.moving);
-            })?;
+        self.outcome.send_with(stamp, |out| world.tell(out))?;
+        world.show(stamp)?;
+        if world.is_running() {
+            self.sensed.send_with(stamp, |out| world.sense(out))?;
         }
         Ok(())
     }
@@ -160,70 +128,5 @@ fn look_until(mut look: impl FnMut(u64) -> Result<Wake, NodeError>) -> Result<Wa
             Wake::Deadline => {}
             wake => return Ok(wake),
         }
-    }
-}
-
-fn write_outcome(outcome: &highway::Outcome, message: &mut Outcome) {
-    *message = Outcome {
-        header: message.header,
-        reward: outcome.reward,
-        speed: outcome.speed,
-        brake: outcome.brake,
-        steer: outcome.steer,
-        change: outcome.change,
-        center: outcome.center,
-        proximity: outcome.proximity,
-        road: outcome.road,
-        collision: outcome.collision,
-        collided: u32::from(outcome.collided),
-        end: outcome.end as u32,
-        other: outcome.other,
-    };
-}
-
-fn write_scene(world: &World, by_distance: &mut Vec<(f64, usize)>, message: &mut Scene) {
-    let ego = world.ego();
-    message.ego = ObjectPose {
-        x_m: ego.pose.x_m,
-        y_m: ego.pose.y_m,
-        heading_rad: ego.pose.heading_rad as f32,
-        speed_mps: ego.speed_mps as f32,
-        length_m: ego.length_m as f32,
-        width_m: ego.width_m as f32,
-        id: -1,
-        kind: 0,
-    };
-    by_distance.clear();
-    for (index, car) in world
-        .objects()
-        .iter()
-        .enumerate()
-        .filter(|(_, car)| car.present)
-    {
-        let squared = (car.x_m - ego.pose.x_m).powi(2) + (car.y_m - ego.pose.y_m).powi(2);
-        by_distance.push((squared, index));
-    }
-    if by_distance.len() > MAX_OBJECTS {
-        by_distance.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        message.left_out = (by_distance.len() - MAX_OBJECTS) as u32;
-        by_distance.truncate(MAX_OBJECTS);
-        by_distance.sort_unstable_by_key(|(_, index)| world.objects()[*index].id);
-    }
-    message.count = by_distance.len() as u32;
-    for (object, (_, index)) in message.objects.iter_mut().zip(by_distance.iter()) {
-        *object = pose_of(&world.objects()[*index]);
-    }
-}
-
-fn pose_of(car: &CarState) -> ObjectPose {
-    ObjectPose {
-        x_m: car.x_m,
-        y_m: car.y_m,
-        heading_rad: car.sin.atan2(car.cos) as f32,
-        speed_mps: car.speed_mps as f32,
-        length_m: 2.0 * car.half_length_m as f32,
-        width_m: 2.0 * car.half_width_m as f32,
-        id: car.id,
-        kind: u32::from(car.tall),
     }
 }

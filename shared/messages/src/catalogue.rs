@@ -65,6 +65,7 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
 /// Calls `visit` with every topic and the message that travels on it.
 pub fn for_each_topic(mut visit: impl FnMut(&'static str, Description)) {
     visit(topic::LIDAR, description::<LidarFrame>());
+    visit(topic::OBSERVATION, description::<Observation>());
     visit(topic::SCENE, description::<Scene>());
     visit(topic::OUTCOME, description::<Outcome>());
     visit(topic::ROBOT_BELIEF, description::<RobotBelief>());

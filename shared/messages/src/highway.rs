@@ -1,4 +1,6 @@
-//! The messages of the highway domain (DESIGN §3), in the order in which a step produces them.
+//! The messages (DESIGN §3), in the order in which a step produces them. One family serves every domain: what one domain alone
+//! has, such as the highway's LIDAR, has a message of its own; the others hold what the largest domain needs, and say how much
+//! of it is used.
 
 use crate::Header;
 use crate::message::message;
@@ -19,6 +21,18 @@ pub const VERBAL: usize = SECTORS * 20;
 pub const LATENT: usize = 128;
 /// Throttle/brake and steer.
 pub const ACTIONS: usize = 2;
+/// Most discrete actions that a domain has.
+pub const CHOICES: usize = 4;
+/// Most numbers of a visual modality; search and rescue has 246, the highway 113.
+pub const VISUAL_NUMBERS: usize = 256;
+/// Most numbers of a verbal modality; the highway has 120.
+pub const VERBAL_NUMBERS: usize = 128;
+/// Most visual items that can be communicated: search and rescue's nine portions, the highway's six sectors.
+pub const VISUAL_ITEMS: usize = 16;
+/// Most verbal items that can be communicated: the highway's six sectors.
+pub const VERBAL_ITEMS: usize = 8;
+/// Most terms of a gridworld's reward.
+pub const TERMS: usize = 4;
 /// Most objects that a [`Scene`] carries; the nearest are kept.
 pub const MAX_OBJECTS: usize = 64;
 /// Most imagined people in one question to the human model.
@@ -26,7 +40,7 @@ pub const MAX_GROUP: usize = 512;
 
 /// Topic names. Questions to the human model travel on [`topic::IMAGINE`], its answers on [`topic::IMAGINE_ANSWER`].
 pub mod topic {
-    /// [`LidarFrame`](crate::LidarFrame): world → belief, human, driver, renderer, recorder.
+    /// [`LidarFrame`](crate::LidarFrame): highway → belief, human, driver, renderer, recorder.
     pub const LIDAR: &str = "world/lidar";
     /// [`Observation`](crate::Observation): gridworlds → belief, human, driver, renderer, recorder.
     pub const OBSERVATION: &str = "world/observation";
@@ -52,6 +66,18 @@ pub mod topic {
     pub const CONTROL: &str = "run/control";
     /// [`Report`](crate::Report): all → launcher.
     pub const REPORT: &str = "run/report";
+}
+
+/// Numbers of the domains in messages.
+pub mod domain {
+    /// The highway.
+    pub const HIGHWAY: u32 = 0;
+    /// Gridworld driving.
+    pub const DRIVING: u32 = 1;
+    /// Search and rescue.
+    pub const SEARCH_RESCUE: u32 = 2;
+    /// Bomb defusal.
+    pub const BOMB_DEFUSAL: u32 = 3;
 }
 
 message! {
@@ -112,8 +138,8 @@ message! {
 }
 
 message! {
-    /// What step k−1's action led to: reward by term, collision, end.
-    pub struct Outcome, "1" {
+    /// What step k−1's action led to: reward by term, collision, end. The named terms are the highway's.
+    pub struct Outcome, "2" {
         /// Header.
         pub header: Header,
         /// Sum of the terms.
@@ -134,7 +160,9 @@ message! {
         pub road: f32,
         /// Collision penalty.
         pub collision: f32,
-        /// 1 if the ego car touched another car or left the road in this step.
+        /// A gridworld's terms, in the order of `domains::discrete::Layout::terms`.
+        pub terms: [f32; TERMS],
+        /// 1 if the ego car touched another car or left the road in this step, or a person ran into an obstacle.
         pub collided: u32,
         /// 0 running, 1 goal reached, 2 collision, 3 out of time.
         pub end: u32,
@@ -145,39 +173,47 @@ message! {
 
 message! {
     /// The robot's belief z^R_k and the observation that it decodes to.
-    pub struct RobotBelief, "1" {
+    pub struct RobotBelief, "2" {
         /// Header.
         pub header: Header,
         /// Mean of z^R.
         pub mean: [f32; LATENT],
         /// Deviation of z^R.
         pub deviation: [f32; LATENT],
-        /// Decoded mean of the LIDAR modality: 108 ranges, 5 ego values.
-        pub lidar: [f32; BEAMS + EGO_VALUES],
+        /// Decoded mean of the visual modality; on the highway 108 ranges and 5 ego values.
+        pub visual: [f32; VISUAL_NUMBERS],
         /// Decoded mean of the verbal modality.
-        pub verbal: [f32; VERBAL],
+        pub verbal: [f32; VERBAL_NUMBERS],
         /// Decoded mean of the reward.
         pub reward: f32,
         /// Mean squared error between what was decoded and what was sensed.
         pub surprise: f32,
         /// How much of `mean` is used.
         pub latent: u32,
+        /// How much of `visual` is used.
+        pub visual_len: u32,
+        /// How much of `verbal` is used.
+        pub verbal_len: u32,
+        /// See [`domain`].
+        pub domain: u32,
     } header: yes
 }
 
 message! {
     /// What the human model believes that the person believes, z^H_k, and expects them to do.
-    pub struct HumanBelief, "1" {
+    pub struct HumanBelief, "2" {
         /// Header.
         pub header: Header,
         /// Mean of z^H.
         pub mean: [f32; LATENT],
         /// Deviation of z^H.
         pub deviation: [f32; LATENT],
-        /// Mean of the predicted action.
+        /// Mean of the predicted action (throttle/brake and steer).
         pub action_mean: [f32; ACTIONS],
         /// Deviation of the predicted action, before the tanh.
         pub action_deviation: [f32; ACTIONS],
+        /// Probability of each discrete action.
+        pub probability: [f32; CHOICES],
         /// Which model speaks, as zero-padded text.
         pub kind: [u8; 16],
         /// How much of `mean` is used; for recurrent models, of their hidden state.
@@ -189,16 +225,16 @@ message! {
 
 message! {
     /// What to communicate at step k, decided at k−1.
-    pub struct CommAction, "1" {
+    pub struct CommAction, "2" {
         /// Header.
         pub header: Header,
         /// Probability of each visual item after the last iteration.
-        pub visual_probability: [f32; SECTORS],
+        pub visual_probability: [f32; VISUAL_ITEMS],
         /// Probability of each verbal item after the last iteration.
-        pub verbal_probability: [f32; SECTORS],
-        /// A bit per sector to highlight.
+        pub verbal_probability: [f32; VERBAL_ITEMS],
+        /// A bit per visual item to show; on the highway, per sector to highlight.
         pub visual: u32,
-        /// A bit per sector to speak about.
+        /// A bit per verbal item to say; on the highway, per sector to speak about.
         pub verbal: u32,
         /// Predicted value of the plan.
         pub value: f32,
@@ -217,30 +253,30 @@ message! {
 
 message! {
     /// Something spoken.
-    pub struct Utterance, "1" {
+    pub struct Utterance, "2" {
         /// What is said, as zero-padded UTF-8.
         pub text: [u8; 64],
-        /// The sector it is about.
-        pub sector: u32,
-        /// 0 nothing there, 1 slow, 2 fast.
+        /// The verbal item: on the highway, the sector it is about.
+        pub item: u32,
+        /// 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds).
         pub kind: u32,
-        /// Range of the nearest car there in m; 40 for none.
+        /// Highway: range of the nearest car there in m; 40 for none.
         pub range_m: f32,
-        /// Its speed.
+        /// Highway: its speed.
         pub speed_mps: f32,
     } header: no
 }
 
 message! {
     /// What the person is shown and told at step k.
-    pub struct Display, "1" {
+    pub struct Display, "2" {
         /// Header.
         pub header: Header,
         /// Utterances that start now.
-        pub utterances: [Utterance; SECTORS],
+        pub utterances: [Utterance; VERBAL_ITEMS],
         /// How many of `utterances` are filled.
         pub utterance_count: u32,
-        /// A bit per highlighted sector.
+        /// A bit per visual item that is shown; on the highway, per highlighted sector.
         pub highlighted: u32,
         /// Objects with a box around them; −1 for unused places.
         pub objects: [i32; 16],
@@ -253,19 +289,23 @@ message! {
 
 message! {
     /// What the person does at step k.
-    pub struct DriverAction, "1" {
+    pub struct DriverAction, "2" {
         /// Header.
         pub header: Header,
         /// Throttle (positive) or brake (negative), in [−1, 1].
         pub throttle: f32,
         /// Steer, left positive, in [−1, 1].
         pub steer: f32,
+        /// The discrete action, where `is_choice` says that there is one.
+        pub choice: u32,
+        /// 1 if the action is `choice`, 0 if it is throttle and steer.
+        pub is_choice: u32,
     } header: yes
 }
 
 message! {
     /// A question to the human model: "if this group of imagined people saw this, what would they do?"
-    pub struct ImagineRequest, "2" {
+    pub struct ImagineRequest, "3" {
         /// Header; `step` is the step planned from.
         pub header: Header,
         /// Seed of this question's noise; with it the answer is a pure function of the belief and the question.
@@ -279,15 +319,19 @@ message! {
         pub rows: u32,
         /// 1 if `action` is what the person really does at this step (phases 0 and 3).
         pub action_known: u32,
-        /// See `action_known`.
-        pub action: [f32; ACTIONS],
-        /// Communicated sectors of each person: visual in bits 0–5, verbal in bits 8–13.
+        /// See `action_known`: throttle/brake and steer, or a 1 in the place of a discrete action.
+        pub action: [f32; CHOICES],
+        /// Numbers of `visual` for each person.
+        pub visual_width: u32,
+        /// Numbers of `verbal` for each person.
+        pub verbal_width: u32,
+        /// Communicated items of each person: visual in bits 0–7 and 16–23, verbal in bits 8–15.
         pub communicated: [u32; MAX_GROUP],
-        /// Imagined visual modality x̂, a person after the other, as models see it: 108 × nearness (1 − range/40 m), then the
-        /// ego values times 60, 2, 2, 2, 60.
-        pub lidar: [[f32; BEAMS + EGO_VALUES]; MAX_GROUP],
-        /// Imagined verbal modality x̂, a person after the other.
-        pub verbal: [[f32; VERBAL]; MAX_GROUP],
+        /// Imagined visual modality x̂, a person after the other without gaps, as models see it. Highway: 108 × nearness
+        /// (1 − range/40 m), then the ego values times 60, 2, 2, 2, 60.
+        pub visual: [f32; MAX_GROUP * VISUAL_NUMBERS],
+        /// Imagined verbal modality x̂, a person after the other without gaps.
+        pub verbal: [f32; MAX_GROUP * VERBAL_NUMBERS],
         /// Mean of z^R at the step after (phase 3).
         pub robot_mean: [f32; LATENT],
         /// Its deviation.
@@ -297,7 +341,7 @@ message! {
 
 message! {
     /// The human model's answer: the group's next actions, or distances between beliefs.
-    pub struct ImagineAnswer, "2" {
+    pub struct ImagineAnswer, "3" {
         /// Header; episode and step are the question's.
         pub header: Header,
         /// The question's group.
@@ -308,8 +352,9 @@ message! {
         pub status: u32,
         /// The question's phase.
         pub phase: u32,
-        /// Throttle/brake and steer of each person.
-        pub action: [[f32; ACTIONS]; MAX_GROUP],
+        /// Actions of the people, one after the other without gaps: throttle/brake and steer, or as many numbers as there are
+        /// discrete actions, a 1 in the place of the one that is taken.
+        pub action: [f32; MAX_GROUP * CHOICES],
         /// KL[z^H ‖ z^R] of each row (phase 3).
         pub divergence: [f32; MAX_GROUP],
     } header: yes

@@ -11,6 +11,7 @@ mod gridworld;
 mod highway;
 mod message;
 mod python;
+mod sensed;
 
 pub use catalogue::{Description, all_definitions, for_each_message, for_each_topic};
 pub use field::{Field, FieldType};
@@ -19,3 +20,4 @@ pub use highway::*;
 pub(crate) use message::layout_text;
 pub use message::{Header, Message, layout_hash};
 pub use python::python_module;
+pub use sensed::Sensed;

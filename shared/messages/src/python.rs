@@ -27,6 +27,11 @@ pub fn python_module() -> String {
         ("VERBAL", VERBAL),
         ("LATENT", LATENT),
         ("ACTIONS", ACTIONS),
+        ("CHOICES", CHOICES),
+        ("VISUAL_NUMBERS", VISUAL_NUMBERS),
+        ("VERBAL_NUMBERS", VERBAL_NUMBERS),
+        ("VISUAL_ITEMS", VISUAL_ITEMS),
+        ("VERBAL_ITEMS", VERBAL_ITEMS),
         ("MAX_OBJECTS", MAX_OBJECTS),
         ("MAX_GROUP", MAX_GROUP),
     ] {

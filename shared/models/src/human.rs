@@ -154,6 +154,23 @@ pub trait HumanModel: Send {
     }
 }
 
+/// Noise of the real person's belief, as opposed to imagined people's.
+const FOLLOWING: u64 = 21;
+
+/// The noise that [`HumanModel::perceive`] takes where the real person is followed. Where perception is a matter of chance, so is
+/// the belief, drawn from seed, episode and step; elsewhere its mean is carried. `noise` has [`HumanModel::noise_rows`] numbers.
+pub fn following<'a>(
+    model: &dyn HumanModel,
+    at: [u64; 3],
+    noise: &'a mut [f32],
+) -> Option<&'a [f32]> {
+    if model.noise_rows() <= model.latent() {
+        return None;
+    }
+    nn::noise::fill(noise, nn::noise::mix(&at), FOLLOWING);
+    Some(noise)
+}
+
 /// The self-model as a human model, with or without implants.
 pub struct SelfHuman {
     model: Arc<SelfModel>,

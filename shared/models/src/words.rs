@@ -1,7 +1,8 @@
 //! The gridworlds' words that ship with the project: a sentence encoder's embeddings, reduced by an autoencoder
 //! (`tools/embed_utterances.py`; DESIGN §4 Language).
 
-use domains::discrete::{Domain, Words, WordsError};
+use domains::discrete::{Discrete, Domain, Layout, Scene, Words, WordsError, World};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// A table of words could not be used.
@@ -32,6 +33,15 @@ pub fn shipped(domain: Domain) -> Result<Words, TableError> {
             "../../pretrained/utterances-bomb-defusal.safetensors"
         )),
     }
+}
+
+/// The layout of a scene, with the words that ship.
+///
+/// # Errors
+/// If the shipped table is damaged.
+pub fn layout_of(scene: &Scene) -> Result<Arc<Layout>, TableError> {
+    let world = World::new(scene, &shipped(scene.domain())?)?;
+    Ok(Arc::new(world.layout().clone()))
 }
 
 /// Reads the tensor `latent` (float32, sentences × width) of a safetensors file's bytes.

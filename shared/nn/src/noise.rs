@@ -29,6 +29,16 @@ pub fn fill(out: &mut [f32], seed: u64, stream: u64) {
     }
 }
 
+/// One seed out of several numbers (splitmix64), so that every step's noise is its own.
+pub fn mix(numbers: &[u64]) -> u64 {
+    numbers.iter().fold(0x6d69_7272_6f72, |state, number| {
+        let mut x = (state ^ number).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    })
+}
+
 /// √(−2 ln u₁) (cos 2πu₂, sin 2πu₂), from the words of a block: the first half gives u₁, the second u₂.
 struct BoxMuller<'a>(&'a [u8; 4 * BLOCK], &'a mut [f32; BLOCK]);
 

@@ -2,13 +2,14 @@
 
 use crate::items::Items;
 use crate::people::{ImaginedPeople, LocalPeople, PeopleError};
-use crate::planner::{From, GROUPS, Plan, Planner, Settings, mix};
+use crate::planner::{From, GROUPS, Plan, Planner, Settings};
 use domains::discrete::{Layout, Mask, Planning};
 use models::discrete::{DiscreteFilter, DiscreteModel};
+use models::human::following;
 use models::imagined::ImaginedGroups;
 use models::policy::ActionDistribution;
 use models::{Beliefs, Communicated, HumanModel, Observations};
-use nn::{Tensor, noise};
+use nn::Tensor;
 use std::sync::Arc;
 
 impl Items for Arc<Layout> {
@@ -69,9 +70,6 @@ pub struct DiscreteAssistant {
     noise: Vec<f32>,
 }
 
-/// Noise of the person's belief while following them.
-const FOLLOWING: u64 = 21;
-
 impl DiscreteAssistant {
     /// An assistant that observed nothing yet. Settings must have no [`Settings::problem`].
     pub fn new(model: Arc<DiscreteModel>, human: Box<dyn HumanModel>, settings: Settings) -> Self {
@@ -122,15 +120,13 @@ impl DiscreteAssistant {
         } = &mut self.observations;
         seen.column_mut(0).copy_from_slice(visual);
         said.column_mut(0).copy_from_slice(verbal);
-        // Where perception is a matter of chance, so is the belief; elsewhere its mean is carried.
-        let by_chance = self.human.noise_rows() > self.human.latent();
-        noise::fill(&mut self.noise, mix(&at), FOLLOWING);
+        let noise = following(&*self.human, at, &mut self.noise);
         self.human.perceive(
             &mut self.beliefs,
             &self.action,
             &self.observations,
             &[told.into()],
-            by_chance.then_some(&self.noise[..]),
+            noise,
         );
     }
 

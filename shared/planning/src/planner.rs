@@ -8,6 +8,7 @@ use crate::people::{ImaginedPeople, PeopleError};
 use models::observation::{SECTORS, azimuths_shown};
 use models::{Communicated, SelfModel, WorldModel};
 use nn::Tensor;
+pub use nn::noise::mix;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -182,6 +183,30 @@ pub struct From<'a, A = [f32; 2]> {
     pub episode: u32,
     /// Step k.
     pub step: u32,
+}
+
+impl<'a, A> From<'a, A> {
+    /// The same start with another known action.
+    pub fn knowing<B>(self, known_action: Option<B>) -> From<'a, B> {
+        let Self {
+            mean,
+            deviation,
+            speech_ready_steps,
+            seed,
+            episode,
+            step,
+            ..
+        } = self;
+        From {
+            mean,
+            deviation,
+            known_action,
+            speech_ready_steps,
+            seed,
+            episode,
+            step,
+        }
+    }
 }
 
 /// The cross-entropy planner (`--planner ce`) over any world model and its items.
@@ -441,14 +466,4 @@ fn communicated(bits: &[bool], visual: usize, speaks: bool) -> Communicated {
     };
     let verbal = if speaks { pack(&bits[visual..]) } else { 0 };
     Communicated::new(pack(&bits[..visual]), verbal)
-}
-
-/// One seed out of several numbers (splitmix64), so that every step's noise is its own.
-pub fn mix(numbers: &[u64]) -> u64 {
-    numbers.iter().fold(0x6d69_7272_6f72, |state, number| {
-        let mut x = (state ^ number).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    })
 }

@@ -12,6 +12,7 @@ fn action(step: u32, steer: f32) -> DriverAction {
         },
         steer,
         throttle: 1.0,
+        ..DriverAction::default()
     }
 }
 

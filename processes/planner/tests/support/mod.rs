@@ -54,6 +54,7 @@ pub fn options() -> Options {
         seed: 11,
         step_s: 0.15,
         patience_ms: 40,
+        gridworld: None,
     }
 }
 
@@ -92,7 +93,7 @@ impl Script {
             display.highlighted = decision.visual;
             if step >= self.ready_step && decision.verbal != 0 {
                 display.utterance_count = 1;
-                display.utterances[0].sector = decision.verbal.trailing_zeros();
+                display.utterances[0].item = decision.verbal.trailing_zeros();
                 display.utterances[0].kind = rng.random_range(0..3);
                 display.utterances[0].range_m = rng.random_range(0.0..40.0);
                 self.ready_step = step + 6;

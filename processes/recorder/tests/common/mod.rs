@@ -2,8 +2,8 @@
 #![allow(dead_code)] // each test uses its share
 
 use messages::{
-    CommAction, Control, Display, DriverAction, Field, HumanBelief, LidarFrame, Message, Outcome,
-    Report, RobotBelief, Scene,
+    CommAction, Control, Display, DriverAction, Field, HumanBelief, LidarFrame, Message,
+    Observation, Outcome, Report, RobotBelief, Scene,
 };
 use recorder::recording::About;
 use recorder::topics::Recorded;
@@ -26,6 +26,7 @@ pub fn about() -> About {
 pub fn step_messages(step: u32) -> Vec<Recorded> {
     vec![
         (&known::<LidarFrame>(step, 0)).into(),
+        (&known::<Observation>(step, 10)).into(),
         (&known::<Scene>(step, 1)).into(),
         (&known::<Outcome>(step, 2)).into(),
         (&known::<RobotBelief>(step, 3)).into(),
@@ -86,6 +87,7 @@ fn fill(fields: &[Field], bytes: &mut [u8], next: &mut u64) {
 pub fn values(message: &Recorded) -> Value {
     let fields = match message {
         Recorded::LidarFrame(_) => LidarFrame::fields(),
+        Recorded::Observation(_) => Observation::fields(),
         Recorded::Scene(_) => Scene::fields(),
         Recorded::Outcome(_) => Outcome::fields(),
         Recorded::RobotBelief(_) => RobotBelief::fields(),

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{BUTTONS, TERMINALS, TYPES};
-use crate::discrete::{Communication, Domain, Planning, Setting};
+use crate::discrete::{Clock, Communication, Domain, Planning, Setting};
 use crate::highway::FileError;
 use crate::highway::file::Check;
 
@@ -82,6 +82,8 @@ pub struct Scene {
     pub planning: Planning,
     /// See [`Episode`].
     pub episode: Episode,
+    /// See [`Clock`].
+    pub clock: Clock,
 }
 
 impl Default for Scene {
@@ -98,6 +100,7 @@ impl Default for Scene {
             },
             planning: Planning::default(),
             episode: Episode::default(),
+            clock: Clock::default(),
         }
     }
 }
@@ -120,6 +123,7 @@ impl Scene {
         self.reward.check(&check)?;
         self.communication.check(&check)?;
         self.planning.check_all(&check)?;
+        self.clock.check(&check)?;
         self.episode.check(&check)
     }
 }

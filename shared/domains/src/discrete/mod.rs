@@ -33,14 +33,16 @@ mod mask;
 mod mind;
 mod scene;
 mod sight;
+mod speech;
 mod words;
 mod world;
 
 pub use layout::{Image, Layout};
 pub use mask::Mask;
 pub use mind::{Mind, PersonError, SimulatedPerson};
-pub use scene::{Communication, Planning, Scene};
+pub use scene::{Clock, Communication, Planning, STEP_S, Scene};
 pub use sight::{Perception, Sight};
+pub use speech::{sentence, symbols};
 pub use words::{Words, WordsError};
 pub use world::World;
 
@@ -74,6 +76,11 @@ impl Domain {
             Self::SearchRescue => "search_rescue",
             Self::BombDefusal => "bomb_defusal",
         }
+    }
+
+    /// The number in messages, where 0 is the highway.
+    pub fn number(self) -> u32 {
+        1 + self as u32
     }
 
     /// The domain of that name.

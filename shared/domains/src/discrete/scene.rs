@@ -50,6 +50,17 @@ impl Communication {
 }
 
 table! {
+    /// `[clock]`: how fast time passes where the world does not wait.
+    pub struct Clock("clock") {
+        /// Simulated seconds per second; a step is [`STEP_S`] of them.
+        rate: f64 = 1.0, 0.001, 10_000.0;
+    }
+}
+
+/// Simulated seconds of a step.
+pub const STEP_S: f64 = 1.0;
+
+table! {
     /// `[planning]`: the cross-entropy planner's settings (DESIGN §6), as in the highway's scenes.
     pub struct Planning("planning") {
         /// Decisions in the horizon.
@@ -107,8 +118,9 @@ impl From<&Planning> for crate::highway::scene::Planning {
     }
 }
 
-/// A scene of any of the gridworlds. Clones share it.
-#[derive(Clone, Debug, PartialEq)]
+/// A scene of any of the gridworlds. Clones share it. As JSON or the like it stands under its domain's name.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, Deserialize)]
+#[serde(into = "Plain", from = "Plain")]
 pub enum Scene {
     /// Gridworld driving.
     Driving(Arc<driving::Scene>),
@@ -116,6 +128,35 @@ pub enum Scene {
     SearchRescue(Arc<search_rescue::Scene>),
     /// Bomb defusal.
     BombDefusal(Arc<bomb_defusal::Scene>),
+}
+
+/// A scene that is not shared.
+#[derive(serde::Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Plain {
+    Driving(driving::Scene),
+    SearchRescue(search_rescue::Scene),
+    BombDefusal(bomb_defusal::Scene),
+}
+
+impl From<Plain> for Scene {
+    fn from(plain: Plain) -> Self {
+        match plain {
+            Plain::Driving(scene) => Self::Driving(Arc::new(scene)),
+            Plain::SearchRescue(scene) => Self::SearchRescue(Arc::new(scene)),
+            Plain::BombDefusal(scene) => Self::BombDefusal(Arc::new(scene)),
+        }
+    }
+}
+
+impl From<Scene> for Plain {
+    fn from(scene: Scene) -> Self {
+        match scene {
+            Scene::Driving(scene) => Self::Driving(Arc::unwrap_or_clone(scene)),
+            Scene::SearchRescue(scene) => Self::SearchRescue(Arc::unwrap_or_clone(scene)),
+            Scene::BombDefusal(scene) => Self::BombDefusal(Arc::unwrap_or_clone(scene)),
+        }
+    }
 }
 
 /// What tells a gridworld's scene file from a highway's.
@@ -233,6 +274,12 @@ impl Scene {
     /// The planner's settings.
     pub fn planning(&self) -> &Planning {
         each!(self, scene => &scene.planning)
+    }
+
+    /// Nanoseconds of a step where the world does not wait.
+    pub fn step_ns(&self) -> u64 {
+        let rate = each!(self, scene => scene.clock.rate);
+        (1e9 * STEP_S / rate) as u64
     }
 
     /// Steps after which time is up.

@@ -78,4 +78,5 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
     }
 }
 
-const NAMES: [&str; CARS] = ["front left", "front right", "rear left", "rear right"];
+/// Names of the car slots.
+pub const NAMES: [&str; CARS] = ["front left", "front right", "rear left", "rear right"];

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::discrete::{Communication, Domain, Planning, Setting};
+use crate::discrete::{Clock, Communication, Domain, Planning, Setting};
 use crate::highway::FileError;
 use crate::highway::file::Check;
 
@@ -78,6 +78,8 @@ pub struct Scene {
     pub planning: Planning,
     /// See [`Episode`].
     pub episode: Episode,
+    /// See [`Clock`].
+    pub clock: Clock,
 }
 
 impl Default for Scene {
@@ -95,6 +97,7 @@ impl Default for Scene {
             },
             planning: Planning::default(),
             episode: Episode::default(),
+            clock: Clock::default(),
         }
     }
 }
@@ -118,6 +121,7 @@ impl Scene {
         self.reward.check(&check)?;
         self.communication.check(&check)?;
         self.planning.check_all(&check)?;
+        self.clock.check(&check)?;
         self.episode.check(&check)
     }
 }

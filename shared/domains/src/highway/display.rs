@@ -68,7 +68,7 @@ impl Presenter {
 }
 
 /// Of the sectors to speak about, the one whose probability is highest; of equals, the first.
-pub fn most_wanted(verbal: u32, probability: &[f32; SECTORS]) -> Option<usize> {
+pub fn most_wanted(verbal: u32, probability: &[f32]) -> Option<usize> {
     (0..SECTORS)
         .filter(|sector| verbal >> sector & 1 == 1)
         .reduce(|best, sector| {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::discrete::{Communication, Domain, Planning, Setting};
+use crate::discrete::{Clock, Communication, Domain, Planning, Setting};
 use crate::highway::FileError;
 use crate::highway::file::Check;
 
@@ -58,6 +58,8 @@ pub struct Scene {
     pub planning: Planning,
     /// See [`Episode`].
     pub episode: Episode,
+    /// See [`Clock`].
+    pub clock: Clock,
 }
 
 impl Default for Scene {
@@ -74,6 +76,7 @@ impl Default for Scene {
             },
             planning: Planning::default(),
             episode: Episode::default(),
+            clock: Clock::default(),
         }
     }
 }
@@ -89,6 +92,7 @@ impl Scene {
         self.reward.check(&check)?;
         self.communication.check(&check)?;
         self.planning.check_all(&check)?;
+        self.clock.check(&check)?;
         self.episode.check(&check)
     }
 }

@@ -173,5 +173,5 @@ macro_rules! stranger {
     };
 }
 
-stranger!(SwappedAction, "mirror/DriverAction/1", steer, throttle);
-stranger!(NextAction, "mirror/DriverAction/2", throttle, steer);
+stranger!(SwappedAction, "mirror/DriverAction/2", steer, throttle);
+stranger!(NextAction, "mirror/DriverAction/3", throttle, steer);

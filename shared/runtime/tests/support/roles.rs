@@ -121,7 +121,8 @@ fn human(node: &mut Node) -> Result<(), NodeError> {
     while node.wait(&mut [server.source()], None)? == Wake::Message {
         server.serve_all(node, |question, answer| {
             for row in 0..question.rows as usize {
-                answer.action[row] = [question.lidar[row][0], question.group as f32];
+                answer.action[2 * row..][..2]
+                    .copy_from_slice(&[question.visual[row], question.group as f32]);
             }
         })?;
         node.end_step();
@@ -142,7 +143,7 @@ fn planner(node: &mut Node) -> Result<(), NodeError> {
                 question.phase = 1;
                 question.rows = 500;
                 for row in 0..500 {
-                    question.lidar[row][0] = (step as usize * 500 + row) as f32;
+                    question.visual[row] = (step as usize * 500 + row) as f32;
                 }
             })?;
         }
@@ -157,7 +158,7 @@ fn planner(node: &mut Node) -> Result<(), NodeError> {
                 (group, 500, step)
             );
             assert_eq!(
-                answer.action[499],
+                answer.action[998..1000],
                 [(step as usize * 500 + 499) as f32, group as f32]
             );
         }

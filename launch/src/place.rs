@@ -1,0 +1,406 @@
+//! Where a run takes place: the highway or a gridworld; and what depends on it: who acts there, which self-model the robot has,
+//! how it plans, and what its human model learned of the person.
+
+use crate::gridworld;
+use crate::inputs;
+use crate::learn;
+use anyhow::{Context, Result, bail, ensure};
+use domains::commonroad::Scenario;
+use domains::discrete::{self, Layout};
+use domains::highway::Scene;
+use domains::highway::speech::SECTOR_NAMES;
+use driver::{Acting, Driving};
+use models::discrete::DiscreteModel;
+use models::discrete::human_file::load_human;
+use models::{Kind, SelfModel};
+use planning::Settings;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A scene, and where it came from.
+#[derive(Clone, Debug)]
+pub struct NamedScene {
+    /// Where.
+    pub place: Place,
+    /// Its name, for people.
+    pub name: String,
+}
+
+/// A scene of some domain.
+#[derive(Clone, Debug)]
+// One of them exists, once.
+#[allow(clippy::large_enum_variant)]
+pub enum Place {
+    /// The highway, with the fog that was asked for, and the CommonRoad file, if it is one.
+    Highway(Scene, Option<PathBuf>),
+    /// Driving, search and rescue, or bomb defusal; and what its numbers mean.
+    Gridworld(discrete::Scene, Arc<Layout>),
+}
+
+/// Who acts.
+#[derive(Clone, Debug, PartialEq)]
+// One of them exists, once.
+#[allow(clippy::large_enum_variant)]
+pub enum Who {
+    /// On the highway.
+    Driving(Driving),
+    /// In a gridworld.
+    Acting(Acting),
+}
+
+/// Who acts, with a name for people.
+#[derive(Clone, Debug)]
+pub struct NamedPerson {
+    /// Who.
+    pub who: Who,
+    /// As on the command line.
+    pub name: String,
+}
+
+/// The robot's self-model.
+#[derive(Clone)]
+pub enum RobotModel {
+    /// Of the highway.
+    Highway(Arc<SelfModel>),
+    /// Of a gridworld.
+    Gridworld(Arc<DiscreteModel>),
+}
+
+/// What the items that can be communicated are called.
+#[derive(Clone, Copy, Debug)]
+pub struct ItemNames {
+    /// What can be shown.
+    pub visual: &'static [&'static str],
+    /// What can be said something about.
+    pub verbal: &'static [&'static str],
+    /// What they are called together.
+    pub word: &'static str,
+}
+
+impl ItemNames {
+    /// The highway's sectors.
+    pub const SECTORS: Self = Self {
+        visual: &SECTOR_NAMES,
+        verbal: &SECTOR_NAMES,
+        word: "sectors",
+    };
+
+    /// A gridworld's.
+    pub fn of(layout: &Layout) -> Self {
+        Self {
+            visual: layout.region_names,
+            verbal: layout.utterance_names,
+            word: "items",
+        }
+    }
+}
+
+impl NamedScene {
+    /// The gridworld's scene, if it is one.
+    pub fn gridworld(&self) -> Option<&discrete::Scene> {
+        match &self.place {
+            Place::Highway(..) => None,
+            Place::Gridworld(scene, _) => Some(scene),
+        }
+    }
+
+    /// Simulated seconds of a step.
+    pub fn step_s(&self) -> f64 {
+        match &self.place {
+            Place::Highway(scene, _) => scene.step_s(),
+            Place::Gridworld(..) => discrete::STEP_S,
+        }
+    }
+
+    /// Nanoseconds of a step in real time.
+    pub fn step_ns(&self) -> u64 {
+        match &self.place {
+            Place::Highway(scene, _) => (1e9 * scene.step_s() / scene.clock.rate) as u64,
+            Place::Gridworld(scene, _) => scene.step_ns(),
+        }
+    }
+
+    /// What can be communicated.
+    pub fn items(&self) -> ItemNames {
+        match &self.place {
+            Place::Highway(..) => ItemNames::SECTORS,
+            Place::Gridworld(_, layout) => ItemNames::of(layout),
+        }
+    }
+}
+
+/// Reads a scene by name or file, and who acts in it.
+///
+/// # Errors
+/// Names the option, or the file and the place in it.
+pub fn scene(text: &str, fog_m: Option<f64>, person: &str) -> Result<(NamedScene, NamedPerson)> {
+    let scene = match gridworld_scene(text)? {
+        None => {
+            let driving = inputs::driver(person)?;
+            highway_scene(text, fog_m, &driving)?
+        }
+        Some(scene) => {
+            ensure!(
+                fog_m.is_none(),
+                "--fog is for the highway; the scene file of a gridworld says how far people see"
+            );
+            let layout = models::words::layout_of(&scene)?;
+            NamedScene {
+                name: scene.name().to_owned(),
+                place: Place::Gridworld(scene, layout),
+            }
+        }
+    };
+    let person = who(person, &scene)?;
+    Ok((scene, person))
+}
+
+/// The gridworld's scene of that name or file, if it is one's.
+fn gridworld_scene(text: &str) -> Result<Option<discrete::Scene>> {
+    let path = Path::new(text);
+    if path.extension().is_none() && !path.exists() {
+        return Ok(match discrete::Scene::names().any(|name| name == text) {
+            true => Some(discrete::Scene::builtin(text).context("--scene")?),
+            false => None,
+        });
+    }
+    if path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("xml"))
+    {
+        return Ok(None);
+    }
+    // What cannot be read at all, the highway's reader says.
+    let Ok(contents) = std::fs::read_to_string(path) else {
+        return Ok(None);
+    };
+    match discrete::Scene::is_discrete(path, &contents)? {
+        true => Ok(Some(discrete::Scene::from_toml(path, &contents)?)),
+        false => Ok(None),
+    }
+}
+
+/// Reads who acts in a scene: `sim:ID`, `sim:FILE` or, on the highway, `recorded:ID`.
+///
+/// # Errors
+/// Names the option, or the file and the place in it.
+pub fn who(text: &str, scene: &NamedScene) -> Result<NamedPerson> {
+    let who = match &scene.place {
+        Place::Highway(..) => Who::Driving(inputs::driver(text)?),
+        Place::Gridworld(scene, _) => {
+            let Some(("sim", person)) = text.split_once(':') else {
+                bail!("--driver {text}: expected sim:ID or sim:FILE.toml in a gridworld");
+            };
+            let acting = acting(person).with_context(|| format!("--driver {text}"))?;
+            let role = driver::Role {
+                scene: scene.clone(),
+                person: acting,
+            };
+            role.simulated()
+                .with_context(|| format!("--driver {text}"))?;
+            Who::Acting(role.person)
+        }
+    };
+    Ok(NamedPerson {
+        who,
+        name: text.to_owned(),
+    })
+}
+
+fn acting(person: &str) -> Result<Acting> {
+    if !person.is_empty() && person.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Ok(Acting::Shipped(person.parse().context("not a number")?));
+    }
+    Ok(Acting::File(std::path::absolute(person)?))
+}
+
+/// Reads a scene of the highway by name or file.
+fn highway_scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<NamedScene> {
+    if let Some(fog_m) = fog_m {
+        ensure!(
+            (0.0..=1000.0).contains(&fog_m),
+            "--fog {fog_m}: expected 0 to 1000 metres"
+        );
+    }
+    let seat = match driving {
+        Driving::Simulated(_) => None,
+        Driving::Recorded(car) => Some(*car),
+    };
+    let path = Path::new(text);
+    let extension = path
+        .extension()
+        .and_then(|extension| extension.to_str())
+        .unwrap_or_default();
+    if extension.eq_ignore_ascii_case("xml") {
+        let scene = Scenario::read(path)?.scene(fog_m, seat)?;
+        scene.check(path)?;
+        return Ok(NamedScene {
+            name: scene.name.clone(),
+            place: Place::Highway(scene, Some(path.to_owned())),
+        });
+    }
+    if let Some(car) = seat {
+        bail!(
+            "--driver recorded:{car}: only a CommonRoad scenario has recorded drivers, and --scene {text} is none"
+        );
+    }
+    let mut scene = match extension {
+        "" if !path.exists() => Scene::builtin(text).context("--scene")?,
+        _ => Scene::load(path)?,
+    };
+    if let Some(fog_m) = fog_m {
+        scene.set_fog_m(fog_m);
+    }
+    Ok(NamedScene {
+        name: scene.name.clone(),
+        place: Place::Highway(scene, None),
+    })
+}
+
+/// The planner's settings: the scene's.
+///
+/// # Errors
+/// Names the scene's key that the planner cannot use.
+pub fn settings(scene: &NamedScene) -> Result<Settings> {
+    let settings = match &scene.place {
+        Place::Highway(highway, _) => highway_settings(highway, &scene.name)?,
+        Place::Gridworld(scene, _) => planning::discrete::settings_of(scene.planning()),
+    };
+    match settings.problem() {
+        Some(problem) => bail!("{}: [planning]: {problem}", scene.name),
+        None => Ok(settings),
+    }
+}
+
+fn highway_settings(scene: &Scene, name: &str) -> Result<Settings> {
+    let (planning, communication) = (&scene.planning, &scene.communication);
+    let power = communication.verbal_power;
+    ensure!(
+        power == 3.0,
+        "{}: communication.verbal_power is {power}: the planner knows only 3",
+        name
+    );
+    Ok(Settings {
+        horizon: planning.horizon as usize,
+        hold: planning.repeat as usize,
+        samples: planning.samples as usize,
+        iterations: planning.iterations as usize,
+        elites: planning.elites as usize,
+        smoothing: planning.smoothing as f32,
+        first_probability: planning.first_probability as f32,
+        warm_start: planning.warm_start as f32,
+        discount: planning.discount as f32,
+        reward_weight: planning.reward_weight as f32,
+        visual_cost: communication.visual_cost as f32,
+        verbal_cost: communication.verbal_cost as f32,
+        visual_threshold: planning.visual_threshold as f32,
+        verbal_threshold: planning.verbal_threshold as f32,
+        ..Settings::default()
+    })
+}
+
+/// The robot's self-model for a scene: the given file or the one that ships.
+///
+/// # Errors
+/// Names the file and what is wrong with it.
+pub fn self_model(given: Option<&Path>, place: &Place) -> Result<(PathBuf, RobotModel)> {
+    match place {
+        Place::Highway(..) => {
+            let (path, model) = inputs::self_model(given)?;
+            Ok((path, RobotModel::Highway(Arc::new(model))))
+        }
+        Place::Gridworld(scene, _) => {
+            let (path, model) = gridworld::inputs::self_model(scene.domain(), given)?;
+            Ok((path, RobotModel::Gridworld(model)))
+        }
+    }
+}
+
+/// Where what a human model learned of the person comes from: implants, or the policy of `bc` and `sqil`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ImplantSource {
+    /// It has none.
+    None,
+    /// A file that was read and fits.
+    File(PathBuf),
+    /// They are learned from this person's rounds before the run starts.
+    Learn(Box<Who>),
+}
+
+/// What the human model learned of this person: the given file, the one that ships, or what is still to be learned.
+///
+/// # Errors
+/// Names the file and what is wrong with it.
+pub fn implants(
+    given: Option<&Path>,
+    human: Kind,
+    who: &Who,
+    model: &RobotModel,
+) -> Result<ImplantSource> {
+    if human == Kind::Myself {
+        ensure!(given.is_none(), "--implants: human model `self` has none");
+        return Ok(ImplantSource::None);
+    }
+    let Some(path) = given else {
+        if let Who::Driving(Driving::Recorded(car)) = who {
+            bail!(
+                "--human {} needs --implants for recorded driver {car}; or use --human self",
+                human.name()
+            );
+        }
+        return Ok(ImplantSource::Learn(Box::new(who.clone())));
+    };
+    let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let model = match model {
+        RobotModel::Highway(model) => model,
+        RobotModel::Gridworld(model) => {
+            load_human(Some(&path), human, model)?;
+            return Ok(ImplantSource::File(path));
+        }
+    };
+    if !human.is_self_model() {
+        models::recurrent_file::load_policy(&path, human)?;
+        return Ok(ImplantSource::File(path));
+    }
+    let implants = models::checkpoint::load_implants(&path, model)?;
+    let has_policy = implants.has_policy();
+    ensure!(
+        has_policy == (human == Kind::Mirror),
+        "{}: has {} policy implant, which is not human model `{}`",
+        path.display(),
+        if has_policy { "a" } else { "no" },
+        human.name()
+    );
+    Ok(ImplantSource::File(path))
+}
+
+/// Learns what `kind` takes of this person, from rounds without communication, and writes it to `path`.
+///
+/// # Errors
+/// When that is not possible.
+pub fn learn_at_start(
+    place: &Place,
+    who: &Who,
+    kind: Kind,
+    model: &RobotModel,
+    path: &Path,
+) -> Result<()> {
+    match (place, who, model) {
+        (
+            Place::Highway(scene, _),
+            Who::Driving(Driving::Simulated(person)),
+            RobotModel::Highway(model),
+        ) => learn::at_start(scene, person, kind, model, path),
+        (Place::Gridworld(scene, _), Who::Acting(acting), RobotModel::Gridworld(model)) => {
+            let person = match acting {
+                Acting::Shipped(id) => id.to_string(),
+                Acting::File(file) => file.display().to_string(),
+            };
+            gridworld::learn::at_start(scene, &person, kind, model, path)
+        }
+        _ => bail!(
+            "there is nobody to learn human model `{}` from",
+            kind.name()
+        ),
+    }
+}

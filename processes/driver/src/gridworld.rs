@@ -1,0 +1,95 @@
+//! Who acts in a gridworld: a simulated person.
+
+use crate::person::Person;
+use anyhow::Result;
+use domains::discrete::{Discrete, Mask, Mind, Scene, SimulatedPerson, World};
+use messages::{Display, DriverAction, Observation};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A place in a gridworld.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Role {
+    /// The scene: how far people see.
+    pub scene: Scene,
+    /// Who acts.
+    pub person: Acting,
+}
+
+/// Who acts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+pub enum Acting {
+    /// One of the simulated people that ship, from 1 on.
+    Shipped(u32),
+    /// The simulated person of a file.
+    File(PathBuf),
+}
+
+impl Role {
+    /// The simulated person.
+    ///
+    /// # Errors
+    /// Names the person that there is not, or the file and the place in it.
+    pub fn simulated(&self) -> Result<SimulatedPerson> {
+        let words = models::words::shipped(self.scene.domain())?;
+        Ok(match &self.person {
+            Acting::Shipped(id) => SimulatedPerson::builtin(&self.scene, *id, &words)?,
+            Acting::File(file) => SimulatedPerson::load(&self.scene, file, &words)?,
+        })
+    }
+}
+
+/// A simulated person, and what they are shown and told.
+pub struct Player {
+    person: SimulatedPerson,
+    seed: u64,
+    told: Mask,
+    measure: [u32; 3],
+}
+
+impl Player {
+    /// A person who knows nothing yet.
+    ///
+    /// # Errors
+    /// As [`Role::simulated`].
+    pub fn new(role: &Role, seed: u64) -> Result<Self> {
+        let domain = role.scene.domain();
+        let world = World::new(&role.scene, &models::words::shipped(domain)?)?;
+        let layout = world.layout();
+        Ok(Self {
+            person: role.simulated()?,
+            seed,
+            told: Mask::NONE,
+            measure: [domain.number(), layout.visual as u32, layout.verbal as u32],
+        })
+    }
+}
+
+impl Person for Player {
+    type Sensed = Observation;
+
+    fn measure(&self) -> [u32; 3] {
+        self.measure
+    }
+
+    fn reset(&mut self, episode: u32) {
+        self.told = Mask::NONE;
+        self.person.reset(self.seed, episode);
+    }
+
+    fn see(&mut self, display: &Display) {
+        self.told.visual = display.highlighted;
+        self.told.verbal |= display.said();
+    }
+
+    fn act(&mut self, sensed: &Observation, out: &mut DriverAction) {
+        let (visual, verbal) = (sensed.visual(), sensed.verbal());
+        let seen = self.person.look(visual);
+        self.person.perceive(visual, verbal, seen | self.told);
+        out.choice = self.person.act() as u32;
+        out.is_choice = 1;
+        self.told.verbal = 0;
+    }
+}

@@ -1,0 +1,112 @@
+//! How what is sensed, shown and said in a domain becomes what models take.
+
+use domains::discrete::Layout;
+use messages::{Display, LidarFrame, Message, Observation, SECTORS, Sensed};
+use models::utterances::{Said, UtteranceTable};
+use models::{Communicated, Observations, Shape};
+use std::sync::Arc;
+
+/// A domain's senses.
+pub trait Senses {
+    /// What there is to sense.
+    type Sensed: Sensed;
+
+    /// Sizes of the modalities, and how many numbers an action has.
+    fn shape(&self) -> Shape;
+
+    /// What [`Sensed::measure`] must be.
+    fn measure(&self) -> [u32; 3];
+
+    /// Writes the observation into column 0; gives what of it was shown and said.
+    fn take_in(
+        &self,
+        sensed: &Self::Sensed,
+        display: &Display,
+        out: &mut Observations,
+    ) -> Communicated;
+}
+
+/// The highway's: the words that were really spoken stand in the verbal modality.
+impl Senses for UtteranceTable {
+    type Sensed = LidarFrame;
+
+    fn shape(&self) -> Shape {
+        Shape::HIGHWAY
+    }
+
+    fn measure(&self) -> [u32; 3] {
+        LidarFrame::ZERO.measure()
+    }
+
+    fn take_in(
+        &self,
+        frame: &LidarFrame,
+        display: &Display,
+        out: &mut Observations,
+    ) -> Communicated {
+        out.set_lidar(0, &frame.range, &frame.ego);
+        let spoken = (display.utterance_count as usize).min(display.utterances.len());
+        let verbal = out.verbal.column_mut(0);
+        verbal.fill(0.0);
+        let mut heard = 0;
+        for utterance in &display.utterances[..spoken] {
+            let sector = utterance.item as usize;
+            let said = match utterance.kind {
+                0 => Said::Nothing,
+                1 => Said::Slow,
+                2 => Said::Fast,
+                _ => continue, // words that the models have never heard
+            };
+            if sector < SECTORS {
+                self.encode(sector, said, utterance.range_m, verbal);
+                heard |= 1 << sector;
+            }
+        }
+        Communicated::new(display.highlighted, heard)
+    }
+}
+
+/// A gridworld's: what is said of an observation stands in it.
+pub struct GridSenses {
+    /// What the numbers mean.
+    pub layout: Arc<Layout>,
+}
+
+impl Senses for GridSenses {
+    type Sensed = Observation;
+
+    fn shape(&self) -> Shape {
+        Shape {
+            visual: self.layout.visual,
+            visual_mask: self.layout.regions,
+            verbal: self.layout.verbal,
+            verbal_mask: self.layout.utterances,
+            action: self.layout.actions,
+        }
+    }
+
+    fn measure(&self) -> [u32; 3] {
+        let Layout {
+            domain,
+            visual,
+            verbal,
+            ..
+        } = *self.layout;
+        [domain.number(), visual as u32, verbal as u32]
+    }
+
+    fn take_in(
+        &self,
+        sensed: &Observation,
+        display: &Display,
+        out: &mut Observations,
+    ) -> Communicated {
+        out.visual.column_mut(0).copy_from_slice(sensed.visual());
+        out.verbal.column_mut(0).copy_from_slice(sensed.verbal());
+        let (possible, said) = (self.layout.everything(), display.said());
+        Communicated::new(
+            display.highlighted & possible.visual,
+            said & possible.verbal,
+        )
+    }
+}

@@ -1,0 +1,85 @@
+//! A gridworld in the process set.
+
+use crate::truth::Truth;
+use anyhow::{Result, ensure};
+use domains::discrete::{self, Discrete, Scene, World};
+use messages::{DriverAction, Observation, Outcome, VERBAL_NUMBERS, VISUAL_NUMBERS};
+use runtime::Stamp;
+
+/// Driving, search and rescue, or bomb defusal.
+pub struct Gridworld {
+    world: World,
+    outcome: discrete::Outcome,
+    step_ns: u64,
+}
+
+impl Gridworld {
+    /// The scene's world, with the words that ship.
+    ///
+    /// # Errors
+    /// When the words do not fit the scene, or its modalities no message.
+    pub fn new(scene: &Scene) -> Result<Self> {
+        let world = World::new(scene, &models::words::shipped(scene.domain())?)?;
+        let layout = world.layout();
+        ensure!(
+            layout.visual <= VISUAL_NUMBERS && layout.verbal <= VERBAL_NUMBERS,
+            "{}: {} visual and {} verbal numbers are more than a message holds",
+            scene.name(),
+            layout.visual,
+            layout.verbal
+        );
+        Ok(Self {
+            world,
+            outcome: discrete::Outcome::default(),
+            step_ns: scene.step_ns(),
+        })
+    }
+}
+
+impl Truth for Gridworld {
+    type Sensed = Observation;
+
+    fn step_ns(&self) -> u64 {
+        self.step_ns
+    }
+
+    fn reset(&mut self, seed: u64, episode: u32) {
+        self.world.reset(seed, episode, episode); // scenarios take turns
+        self.outcome = discrete::Outcome::default();
+    }
+
+    fn step(&mut self, step: u32, action: Option<&DriverAction>) {
+        // A choice is made once: where it does not come in time nothing is done, which no number of an action stands for.
+        let nothing = self.world.layout().actions;
+        let chosen = action.filter(|action| action.is_choice != 0 && action.header.step == step);
+        let choice = chosen.map_or(nothing, |action| action.choice as usize);
+        self.outcome = self.world.step(choice);
+    }
+
+    fn is_running(&self) -> bool {
+        self.outcome.end.is_running()
+    }
+
+    fn tell(&self, out: &mut Outcome) {
+        out.reward = self.outcome.reward;
+        out.terms = self.outcome.terms;
+        out.collided = u32::from(self.outcome.collided);
+        out.end = self.outcome.end as u32;
+        out.other = -1;
+    }
+
+    fn sense(&mut self, out: &mut Observation) {
+        let layout = self.world.layout();
+        let (visual, verbal) = (layout.visual, layout.verbal);
+        let legal = |bits, action| bits | u32::from(self.world.legal(action)) << action;
+        out.legal = (0..layout.actions).fold(0, legal);
+        out.domain = layout.domain.number();
+        (out.visual_len, out.verbal_len) = (visual as u32, verbal as u32);
+        self.world
+            .observe(&mut out.visual[..visual], &mut out.verbal[..verbal]);
+    }
+
+    fn show(&mut self, _: Stamp) -> Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,148 @@
+//! The highway's world in the process set.
+
+use crate::truth::Truth;
+use anyhow::Result;
+use domains::highway::traffic::CarState;
+use domains::highway::{self, End, World};
+use messages::{DriverAction, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, TERMS, topic};
+use runtime::{Node, Output, Stamp};
+
+/// The highway.
+pub struct Highway {
+    world: World,
+    outcome: highway::Outcome,
+    /// The action that holds where none comes in time.
+    held: [f32; 2],
+    scene: Output<Scene>,
+    /// Squared distance and index of every car present; only used where more are present than a message holds.
+    by_distance: Vec<(f64, usize)>,
+}
+
+impl Highway {
+    /// A world with a port for what is true.
+    ///
+    /// # Errors
+    /// When the port cannot be made.
+    pub fn new(node: &Node, world: World) -> Result<Self> {
+        Ok(Self {
+            world,
+            outcome: highway::Outcome::default(),
+            held: [0.0; 2],
+            scene: node.output(topic::SCENE)?,
+            by_distance: Vec::with_capacity(1024),
+        })
+    }
+}
+
+impl Truth for Highway {
+    type Sensed = LidarFrame;
+
+    fn step_ns(&self) -> u64 {
+        let scene = self.world.scene();
+        (1e9 * scene.step_s() / scene.clock.rate) as u64
+    }
+
+    fn reset(&mut self, seed: u64, episode: u32) {
+        self.world.reset(seed, episode);
+        (self.outcome, self.held) = (highway::Outcome::default(), [0.0; 2]);
+    }
+
+    fn step(&mut self, _: u32, action: Option<&DriverAction>) {
+        if let Some(action) = action {
+            self.held = [action.throttle, action.steer];
+        }
+        self.outcome = self.world.step(self.held);
+    }
+
+    fn is_running(&self) -> bool {
+        self.outcome.end == End::Running
+    }
+
+    fn tell(&self, out: &mut Outcome) {
+        write_outcome(&self.outcome, out);
+    }
+
+    fn sense(&mut self, out: &mut LidarFrame) {
+        let sensed = self.world.observation();
+        out.range = sensed.range;
+        out.object = sensed.object;
+        out.speed_mps = sensed.speed_mps;
+        out.ego = sensed.ego;
+        out.moving = u32::from(sensed.moving);
+    }
+
+    fn show(&mut self, stamp: Stamp) -> Result<()> {
+        let Self {
+            world, by_distance, ..
+        } = self;
+        Ok(self
+            .scene
+            .send_with(stamp, |out| write_scene(world, by_distance, out))?)
+    }
+}
+
+fn write_outcome(outcome: &highway::Outcome, message: &mut Outcome) {
+    *message = Outcome {
+        header: message.header,
+        reward: outcome.reward,
+        speed: outcome.speed,
+        brake: outcome.brake,
+        steer: outcome.steer,
+        change: outcome.change,
+        center: outcome.center,
+        proximity: outcome.proximity,
+        road: outcome.road,
+        collision: outcome.collision,
+        terms: [0.0; TERMS],
+        collided: u32::from(outcome.collided),
+        end: outcome.end as u32,
+        other: outcome.other,
+    };
+}
+
+fn write_scene(world: &World, by_distance: &mut Vec<(f64, usize)>, message: &mut Scene) {
+    let ego = world.ego();
+    message.ego = ObjectPose {
+        x_m: ego.pose.x_m,
+        y_m: ego.pose.y_m,
+        heading_rad: ego.pose.heading_rad as f32,
+        speed_mps: ego.speed_mps as f32,
+        length_m: ego.length_m as f32,
+        width_m: ego.width_m as f32,
+        id: -1,
+        kind: 0,
+    };
+    by_distance.clear();
+    for (index, car) in world
+        .objects()
+        .iter()
+        .enumerate()
+        .filter(|(_, car)| car.present)
+    {
+        let squared = (car.x_m - ego.pose.x_m).powi(2) + (car.y_m - ego.pose.y_m).powi(2);
+        by_distance.push((squared, index));
+    }
+    if by_distance.len() > MAX_OBJECTS {
+        by_distance.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        message.left_out = (by_distance.len() - MAX_OBJECTS) as u32;
+        by_distance.truncate(MAX_OBJECTS);
+        by_distance.sort_unstable_by_key(|(_, index)| world.objects()[*index].id);
+    }
+    message.count = by_distance.len() as u32;
+    for (object, (_, index)) in message.objects.iter_mut().zip(by_distance.iter()) {
+        *object = pose_of(&world.objects()[*index]);
+    }
+}
+
+fn pose_of(car: &CarState) -> ObjectPose {
+    ObjectPose {
+        x_m: car.x_m,
+        y_m: car.y_m,
+        heading_rad: car.sin.atan2(car.cos) as f32,
+        speed_mps: car.speed_mps as f32,
+        length_m: 2.0 * car.half_length_m as f32,
+        width_m: 2.0 * car.half_width_m as f32,
+        id: car.id,
+        kind: u32::from(car.tall),
+    }
+}
