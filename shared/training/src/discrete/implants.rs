@@ -52,6 +52,14 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// Iterations over all starts: what [`learn`]'s progress counts to.
+    pub fn all_iterations(&self, model: &DiscreteModel) -> usize {
+        let groups = Perceiver::new(&model.layout).groups();
+        self.iterations * self.starts.len().pow(groups as u32)
+    }
+}
+
 /// There is nothing to learn from.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error("the rounds hold no step to learn from")]

@@ -104,14 +104,14 @@ pub fn learn(
                 seed,
                 ..implants::Settings::default()
             };
-            let most = (settings.iterations * settings.starts.len()) as u64;
+            let most = settings.all_iterations(model) as u64;
             let with_policy = kind == Kind::Mirror;
             let learned =
                 implants::learn(model, with_policy, rounds, &settings, &mut |done, loss| {
                     progress(done as u64, most, &format!("loss {loss:.4}"));
                 })?;
             Ok(Learned::Implants {
-                about: format!("last loss {:.4}", learned.last_loss()),
+                about: format!("last loss {:.4}", learned.loss),
                 implants: learned.implants,
                 heard,
             })
