@@ -85,7 +85,7 @@ fn rewards(model: &DiscreteModel, world: &World, actor: Actor, rounds: u32) -> V
 fn measure(model: &DiscreteModel, world: &World) {
     let greedy = |explore, limited| Actor::Greedy { explore, limited };
     for (name, actor) in [
-        ("expert", Actor::Expert),
+        ("expert", Actor::Expert { slips: 0.0 }),
         ("greedy", greedy(0.0, false)),
         ("limited", greedy(0.0, true)),
         ("random", greedy(1.0, false)),
@@ -93,7 +93,10 @@ fn measure(model: &DiscreteModel, world: &World) {
         let rewards = rewards(model, world, actor, 40 * world.scenarios());
         println!("{name}: {:.3} a round; {rewards:.2?}", mean(&rewards));
     }
-    for (name, actor) in [("expert's", Actor::Expert), ("own", greedy(0.0, false))] {
+    for (name, actor) in [
+        ("expert's", Actor::Expert { slips: 0.0 }),
+        ("own", greedy(0.0, false)),
+    ] {
         let mut rollout = Rollout::new(world.clone(), model);
         let mut measured = Measured::default();
         for round in 0..8 * world.scenarios() {

@@ -151,9 +151,11 @@ impl Trainer {
                 false => 2,
             };
             let actor = match who {
-                0 => Actor::Expert,
+                0 => Actor::Expert {
+                    slips: settings.slips,
+                },
                 who => Actor::Greedy {
-                    explore,
+                    explore: explore.max(settings.slips),
                     limited: who == 2,
                 },
             };

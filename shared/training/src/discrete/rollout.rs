@@ -12,7 +12,10 @@ use rand_chacha::ChaCha8Rng;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Actor {
     /// The domain's expert, who knows the state.
-    Expert,
+    Expert {
+        /// Probability of doing anything at all instead.
+        slips: f32,
+    },
     /// The Q-network's best action, with this probability of a random one instead.
     Greedy {
         /// ε.
@@ -104,7 +107,10 @@ impl Rollout {
             let expert = world.expert();
             self.episode.expert.push(expert as u8);
             let choice = match actor {
-                Actor::Expert => expert,
+                Actor::Expert { slips } if slips > 0.0 && rng.random::<f32>() < slips => {
+                    rng.random_range(0..layout.actions)
+                }
+                Actor::Expert { .. } => expert,
                 Actor::Greedy { explore, limited } => {
                     let mask = if limited {
                         noise::fill(&mut self.chance, rng.random(), 0);

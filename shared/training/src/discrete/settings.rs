@@ -33,6 +33,9 @@ pub struct Settings {
     pub explore: f32,
     /// Its factor per phase.
     pub explore_decay: f32,
+    /// Probability, in every step and whoever acts, of anything at all instead: who never sees a wrong button pressed cannot imagine what
+    /// somebody's mistake costs.
+    pub slips: f32,
     /// Probability that dropout keeps a value, as on the highway.
     pub keep: f32,
     /// γ.
@@ -70,6 +73,7 @@ impl Settings {
             expert_decay: 0.8,
             explore: 0.5,
             explore_decay: 0.75,
+            slips: 0.0,
             keep: 0.35,
             discount: 0.95,
             target_rate: 0.01,
@@ -101,6 +105,7 @@ impl Settings {
             // Rounds are short: three presses of an expert. More of them, and more sequences of half the length.
             Domain::BombDefusal => Self {
                 rounds: 24,
+                slips: 0.4,
                 sequences: 64,
                 length: 8,
                 ..Self::of(Domain::SearchRescue)
@@ -148,6 +153,7 @@ impl Settings {
             self.expert_decay,
             self.explore,
             self.explore_decay,
+            self.slips,
             self.keep,
             self.discount,
             self.target_rate,
