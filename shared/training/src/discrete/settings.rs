@@ -63,7 +63,7 @@ impl Settings {
             seed: 0,
             phases: 60,
             rounds: 16,
-            gradient_steps: 150,
+            gradient_steps: 300,
             sequences: 32,
             length: 16,
             learning_rate: 3e-4,
@@ -80,30 +80,29 @@ impl Settings {
             trace: 0.8,
             margin: 0.8,
             joint: false,
-            imitation: 0.0,
+            imitation: 1.0,
             warming: 0.0,
-            cooling: 0.0,
+            cooling: 0.3,
         };
         match domain {
             Domain::Driving => driving,
             // Short phases: what an expert never does is valued by extrapolation until the policy has tried it, so that the policy
             // has to act often. The paper names no learning rate here; driving's learns to read images three times more slowly.
             Domain::SearchRescue => Self {
-                phases: 200,
+                phases: 150,
                 rounds: 9,
-                gradient_steps: 100,
+                gradient_steps: 60,
                 learning_rate: 1e-3,
                 expert: 1.0,
                 expert_decay: 0.98,
                 explore_decay: 0.9,
                 joint: true,
-                imitation: 1.0,
                 warming: 0.2,
-                cooling: 0.3,
                 ..driving
             },
             // Rounds are short: three presses of an expert. More of them, and more sequences of half the length.
             Domain::BombDefusal => Self {
+                phases: 200,
                 rounds: 24,
                 slips: 0.4,
                 sequences: 64,
