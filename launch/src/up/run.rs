@@ -355,6 +355,7 @@ impl<'a> Run<'a> {
             screen: self.screen,
             lost,
             rate: self.rate.2,
+            episode_steps: self.tally.steps() as f64 / self.tally.episodes.len().max(1) as f64,
         }
     }
 

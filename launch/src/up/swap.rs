@@ -103,6 +103,8 @@ pub struct Around<'a> {
     pub lost: u64,
     /// Steps a second, lately.
     pub rate: f64,
+    /// Steps of an episode, on average.
+    pub episode_steps: f64,
 }
 
 /// How a swap ended.
@@ -390,12 +392,16 @@ impl Swap {
     fn agree(&mut self, around: &mut Around) -> Result<()> {
         self.report.tries += 1;
         let (episode, step) = around.heads.newest(self.place).unwrap_or_default();
+        let ahead = around.rate * (AHEAD_NS as f64 * 1e-9);
+        let later = self.report.tries - 1;
+        // Where episodes are short, several may begin in that time.
+        let episodes = ((ahead / around.episode_steps.max(1.0)) as u32) << later;
         self.border = if self.waits_for_episode() {
-            (episode + 1, 0)
+            (episode + 1 + episodes, 0)
+        } else if episodes > 0 {
+            (episode + episodes, 0)
         } else {
-            let ahead = around.rate * (AHEAD_NS as f64 * 1e-9);
-            let ahead = (ahead.ceil() as u32 + 2) << (self.report.tries - 1);
-            (episode, step + ahead)
+            (episode, step + ((ahead.ceil() as u32 + 2) << later))
         };
         if self.report.tries == 1 {
             let head = around.heads.of(self.place);
