@@ -176,6 +176,9 @@ impl Demonstrations {
         if holds != DEMONSTRATIONS {
             return Err(bad(format!("holds {holds}, expected {DEMONSTRATIONS}")));
         }
+        if let Some(domain) = checkpoint.metadata().get(models::discrete::DOMAIN) {
+            return Err(bad(format!("rounds of {domain}, expected highway")));
+        }
         let collided = checkpoint.u8s("collided")?;
         let lengths = checkpoint.u64s("length", collided.len())?;
         let visual = checkpoint.f32s("visual")?;

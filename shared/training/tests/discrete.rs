@@ -190,6 +190,7 @@ fn policies_learned_from_rounds_know_more_than_chance() {
         &learned_from,
         &held,
         &settings,
+        &mut |_, _| {},
     );
     assert!(imitated.validation < chance, "{}", imitated.validation);
     // Neither depends on anything but its arguments.

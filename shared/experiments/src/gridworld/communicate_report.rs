@@ -278,7 +278,10 @@ impl Report {
         let (few, all) = (self.of(mirror, least)?, self.of(mirror, most)?);
         let silent = self.of(Condition::Silent, 0)?;
         let gain = |s: &Summary| s.measures[REWARD].mean - silent.measures[REWARD].mean;
-        let kept = gain(few) / gain(all);
+        let kept = match gain(all) > 0.0 {
+            true => gain(few) / gain(all),
+            false => 0.0,
+        };
         let pair = paired_t(&few.people[REWARD], &all.people[REWARD], 1).ok();
         let worse = pair
             .as_ref()
@@ -288,7 +291,7 @@ impl Report {
             letter: 'd',
             claim: "4 rounds suffice: performance from 20 % of the data is close to that from all of it".to_owned(),
             ours: format!(
-                "reward of MIRROR from {} rounds {}, from {} {}{}; {:.0} % of the gain over NC. Rule: at least {:.0} % of a gain, and not lower at 5 %",
+                "reward of MIRROR from {} rounds {}, from {} {}{}; {:.0} % of the gain over NC (0 where there is none). Rule: at least {:.0} % of a gain, and not lower at 5 %",
                 rounds_of(least),
                 with_interval(&few.measures[REWARD], 1.0, 2),
                 rounds_of(most),

@@ -82,8 +82,8 @@ impl Unit for Piece<'_> {
             None => {
                 let first = (LEARNING + VALIDATION) as u32;
                 let actions = place.world.layout().actions;
-                let mut person = place.person(self.person)?;
-                score::of_person(&mut person, actions, &lived.test, lived.seed, first)
+                let person = place.person(self.person)?;
+                score::of_person(&person, actions, &lived.test, lived.seed, first)
             }
             Some(kind) => {
                 let learned = learned(kind, self.model, &lived, self.person, self.seed, rounds)?;

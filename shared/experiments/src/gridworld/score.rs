@@ -4,7 +4,7 @@
 //! the robot's observation and their own idea of what the person sees of it. Where that is a matter of chance (bomb defusal), the
 //! probability is the mean over [`IMAGINED`] imagined people. For every model, probabilities below [`LEAST`] count as that.
 
-use domains::discrete::{Mind, SimulatedPerson};
+use domains::discrete::{MAX_ACTIONS, Mind, SimulatedPerson};
 use models::discrete::{DiscreteModel, RecurrentChooser};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::{Arena, Tape, Tensor, noise};
@@ -86,10 +86,15 @@ pub fn of_policy(policy: &RecurrentChooser, rounds: &Rounds) -> f64 {
     sum / f64::from(perceived.counted().max(1.0))
 }
 
-/// Mean surprise of the person themselves (IM), who perceives again what they perceived and is told what they did.
-/// `actions`: how many there are, `first`: number of the first of the rounds, `seed`: what they were lived with.
+/// Clones of the person who stand for what they may have in mind.
+const MINDS: usize = 64;
+
+/// Mean surprise of the person themselves (IM), who perceives again what they perceived and is told what they did. What they have in
+/// mind (where a searcher is heading, how a driver's plan came out) does not show, so that [`MINDS`] clones guess it, weighed by the
+/// actions so far: a particle filter. `actions`: how many there are, `first`: number of the first of the rounds, `seed`: what the
+/// clones are drawn with.
 pub fn of_person(
-    person: &mut SimulatedPerson,
+    person: &SimulatedPerson,
     actions: usize,
     rounds: &Rounds,
     seed: u64,
@@ -97,20 +102,118 @@ pub fn of_person(
 ) -> f64 {
     let [visual, verbal] = rounds.sizes;
     let (mut sum, mut counted) = (0.0, 0_usize);
+    let mut minds = vec![person.clone(); MINDS];
     for (number, round) in rounds.rounds.iter().enumerate() {
-        person.reset(seed, first + number as u32);
+        let episode = first + number as u32;
+        let mut stream = 0;
+        let mut other = |mind: &mut SimulatedPerson| {
+            stream += 1;
+            mind.reseed(seed, episode, stream);
+        };
+        for mind in &mut minds {
+            mind.reset(seed, episode);
+            other(mind);
+        }
+        let mut weights = vec![1.0 / MINDS as f64; MINDS];
         for t in 0..round.len() {
             let visual = &round.visual[t * visual..(t + 1) * visual];
             let verbal = &round.verbal[t * verbal..(t + 1) * verbal];
-            person.perceive(visual, verbal, round.perceived[t]);
-            let mut probabilities = [0.0; domains::discrete::MAX_ACTIONS];
-            // Of a clone: asking takes random numbers.
-            person.clone().probabilities(&mut probabilities[..actions]);
             let taken = usize::from(round.action[t]);
-            sum += surprise(f64::from(probabilities[taken]));
+            let mut expected = 0.0;
+            for (mind, weight) in minds.iter_mut().zip(&mut weights) {
+                mind.perceive(visual, verbal, round.perceived[t]);
+                let mut probabilities = [0.0; MAX_ACTIONS];
+                mind.probabilities(&mut probabilities[..actions]);
+                *weight *= f64::from(probabilities[taken]);
+                expected += *weight;
+                mind.acted(taken);
+            }
+            sum += surprise(expected);
             counted += 1;
-            person.acted(taken);
+            if expected > 0.0 {
+                weights.iter_mut().for_each(|weight| *weight /= expected);
+            } else {
+                weights.fill(1.0 / MINDS as f64);
+            }
+            let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+            if effective < MINDS as f64 / 2.0 {
+                resample(&mut minds, &mut weights);
+                minds.iter_mut().for_each(&mut other);
+            }
         }
     }
     sum / counted.max(1) as f64
+}
+
+/// Keeps minds as often as they weigh, evenly (systematic resampling without chance).
+fn resample(minds: &mut Vec<SimulatedPerson>, weights: &mut [f64]) {
+    let count = minds.len() as f64;
+    let mut kept = Vec::with_capacity(minds.len());
+    let mut reached = 0.0;
+    for (mind, weight) in minds.iter().zip(&*weights) {
+        reached += weight * count;
+        while (kept.len() as f64 + 0.5) < reached && kept.len() < minds.len() {
+            kept.push(mind.clone());
+        }
+    }
+    // What rounding left out.
+    while let (true, Some(last)) = (kept.len() < minds.len(), minds.last()) {
+        kept.push(last.clone());
+    }
+    weights.fill(1.0 / count);
+    *minds = kept;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gridworld::subject::{LEARNING, Lived, Place};
+    use domains::discrete::{Discrete, Domain, Setting};
+    use models::discrete::{ChooserSizes, DiscreteHuman, Sizes};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use std::sync::Arc;
+
+    /// Nobody knows a person better than they themselves; an untrained network knows about nothing.
+    #[test]
+    fn the_ideal_model_is_never_far_off() {
+        for domain in Domain::ALL {
+            let mut place = Place::new(domain, Setting::Transfer).expect("ships");
+            let lived = Lived::record(&mut place, Setting::Transfer, 3, 2).expect("lived");
+            let layout = place.world.layout().clone();
+            let person = place.person(3).expect("ships");
+            let first = LEARNING as u32;
+            let own = of_person(&person, layout.actions, &lived.test, lived.seed, first);
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            let policy = RecurrentChooser::new(ChooserSizes::of(&layout, 2), &layout, &mut rng);
+            let chance = (layout.actions as f64).ln();
+            let untrained = of_policy(&policy, &lived.test);
+            assert!(
+                (untrained - chance).abs() < 0.3,
+                "{untrained}, chance {chance}"
+            );
+            assert!(own < 0.75 * chance, "{domain:?}: {own}, chance {chance}");
+        }
+    }
+
+    /// Where perception is certain, a policy that perceives by itself is scored as one that is told what was perceived.
+    #[test]
+    fn perceiving_and_being_told_are_the_same() {
+        let (domain, setting) = (Domain::SearchRescue, Setting::Transfer);
+        let mut place = Place::new(domain, setting).expect("ships");
+        let lived = Lived::record(&mut place, setting, 2, 2).expect("lived");
+        let layout = Arc::new(place.world.layout().clone());
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let model = DiscreteModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);
+        let policy = RecurrentChooser::new(ChooserSizes::of(&layout, 2), &layout, &mut rng);
+        let told = of_policy(&policy, &lived.test);
+        let person = place.person(2).expect("ships");
+        let sight = person.sight();
+        let mut human =
+            models::discrete::RecurrentHuman::new("bc", Arc::new(policy), &layout, sight);
+        let perceived = of_model(&mut human, &model, &lived.test);
+        assert!((told - perceived).abs() < 1e-4, "{told} and {perceived}");
+        let mut own = DiscreteHuman::new(Arc::new(model.clone()), None, 0);
+        assert!(of_model(&mut own, &model, &lived.test).is_finite());
+    }
 }

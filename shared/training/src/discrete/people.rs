@@ -116,7 +116,7 @@ pub fn learn(
                 heard,
             })
         }
-        Kind::Bc | Kind::Sqil => policy(kind, model, lessons, seed),
+        Kind::Bc | Kind::Sqil => policy(kind, model, lessons, seed, progress),
     }
 }
 
@@ -125,6 +125,7 @@ fn policy(
     model: &DiscreteModel,
     lessons: &Lessons,
     seed: u64,
+    progress: &mut dyn FnMut(u64, u64, &str),
 ) -> Result<Learned, LearnError> {
     let layout = &model.layout;
     let rounds = lessons.rounds;
@@ -180,7 +181,10 @@ fn policy(
             seed,
             ..sqil::Settings::default()
         };
-        let imitated = sqil::learn(places, &all, validation, &settings);
+        let most = settings.phases as u64;
+        let imitated = sqil::learn(places, &all, validation, &settings, &mut |phase, nll| {
+            progress(phase as u64, most, &format!("validation {nll:.4}"));
+        });
         (
             imitated.policy,
             format!("validation {:.4}", imitated.validation),

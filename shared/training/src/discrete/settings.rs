@@ -104,6 +104,7 @@ impl Settings {
             Domain::BombDefusal => Self {
                 phases: 200,
                 rounds: 24,
+                gradient_steps: 100,
                 slips: 0.4,
                 sequences: 64,
                 length: 8,

@@ -73,12 +73,16 @@ pub struct Imitated {
 }
 
 /// Learns from `rounds` and in `places` by turns, worlds with what the person perceives there: the same settings as the rounds' (at
-/// least one). Stops by `validation`, or by every fifth of `rounds` where there is none.
+/// least one). Stops by `validation`, or by every fifth of `rounds` where there is none. `progress` hears of each phase and its validation.
+///
+/// # Panics
+/// Without a place.
 pub fn learn(
     mut places: Vec<(World, Sight)>,
     rounds: &Rounds,
     validation: &Rounds,
     settings: &Settings,
+    progress: &mut dyn FnMut(usize, f32),
 ) -> Imitated {
     let layout = places[0].0.layout().clone();
     let (train, held) = split(rounds, validation);
@@ -131,6 +135,7 @@ pub fn learn(
                 .lerp_from(&policy.parameters, settings.target_rate);
         }
         let validation = held.nll(&policy, &mut arena, None);
+        progress(phase + 1, validation);
         if validation < least {
             least = validation;
             best.copy_from(&policy.parameters);
