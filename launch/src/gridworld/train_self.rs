@@ -68,7 +68,7 @@ pub fn train_self(arguments: &TrainSelfArguments, domain: Domain) -> Result<Exit
             },
             rounds
         ),
-        judged(&world, &trainer, Actor::Expert, rounds),
+        judged(&world, &trainer, Actor::Expert { slips: 0.0 }, rounds),
     );
     println!(
         "{}: continue with --resume and more --phases, or delete it",
