@@ -27,7 +27,8 @@
 //!   it is of use. (Bomb defusal's terminals were read after 1,900 steps, without this not within 3,000.)
 //! - At the end the learning rate falls to nothing, so that what is kept does not depend on the last few batches.
 //!
-//! A phase lives some rounds (each by the expert with probability β, else ε-greedily) and then makes gradient steps on all
+//! A phase lives some rounds (each by the expert with probability β, else ε-greedily; in bomb defusal both slip now and then,
+//! see [`Settings::slips`]) and then makes gradient steps on all
 //! losses at once. Randomness is drawn anew from (seed, phase), and a checkpoint holds weights, target, optimiser and replay:
 //! stopping and resuming gives the same bytes as not stopping.
 
