@@ -87,9 +87,9 @@ impl Settings {
         match domain {
             Domain::Driving => driving,
             // Short phases: what an expert never does is valued by extrapolation until the policy has tried it, so that the policy
-            // has to act often. The paper names no learning rate here; at driving's, images are
-            // read after three times as many steps. The world model needs more steps than the policy: after 60 a phase, the reward imagined
-            // four steps ahead was off by 1.2, after 100 by 0.1.
+            // has to act often. The paper names no learning rate here; at driving's, images are read after three times as many
+            // steps. The world model needs more of them than the policy: after 150 phases of 60, the reward imagined four steps
+            // ahead was off by 1.2, after these by 0.1.
             Domain::SearchRescue => Self {
                 phases: 200,
                 rounds: 9,
