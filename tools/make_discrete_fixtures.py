@@ -21,7 +21,7 @@ from reference_discrete import DiscreteModel, Image, Sizes
 DRIVING = Sizes(visual=5, regions=4, verbal=8, utterances=4, actions=2, image=None)
 SEARCH_RESCUE = Sizes(
     visual=246, regions=9, verbal=50, utterances=5, actions=4,
-    image=Image(colours=3, height=9, width=9, kernel=3, stride=3, channels=4, hidden=48, features=16),
+    image=Image(colours=3, height=9, width=9, kernel=3, stride=3, channels=4, patterns=5, hidden=48, features=16),
     latent=11, transition_hidden=13, encoder_hidden=17, decoder_hidden=19, q_hidden=7, state_deviation=0.08,
 )  # fmt: skip
 

@@ -19,6 +19,7 @@ class Image:
     kernel: int
     stride: int
     channels: int
+    patterns: int
     hidden: int
     features: int
 
@@ -62,11 +63,11 @@ class DiscreteModel(nn.Module):
         features = 2 * s.image.features if s.image else s.encoded
         pixels = s.image.numbers if s.image else 0
         down, across = s.image.grid if s.image else (0, 0)
-        places = down * across * (s.image.channels if s.image else 0)
+        places, drawn = (down * across * n for n in ((s.image.channels, s.image.patterns) if s.image else (0, 0)))
         self.transition = Mlp(s.latent + s.actions, t, t, 2 * s.latent)
         self.first = Mlp(features, e, e, 2 * s.latent)
         self.encoder = Mlp(s.latent + s.actions + features, e, e, 2 * s.latent)
-        self.visual = Mlp(s.latent, d, d, places + s.visual - pixels)
+        self.visual = Mlp(s.latent, d, d, drawn + s.visual - pixels)
         self.verbal = Mlp(s.latent, d, d, s.verbal)
         self.reward = Mlp(s.latent, d, d, 1)
         self.q = Mlp(s.latent, q, q, s.actions)
@@ -75,7 +76,7 @@ class DiscreteModel(nn.Module):
             self.conv = nn.Conv2d(i.colours, i.channels, i.kernel, i.stride)
             self.look = Mlp(places + s.visual - pixels + s.regions, i.hidden, i.hidden, i.features)
             self.listen = nn.Linear(s.verbal + s.utterances, i.features)
-            self.draw = nn.ConvTranspose2d(i.channels, i.colours, i.kernel, i.stride)
+            self.draw = nn.ConvTranspose2d(i.patterns, i.colours, i.kernel, i.stride)
 
     def read(self, observed):
         s = self.sizes
@@ -97,9 +98,9 @@ class DiscreteModel(nn.Module):
         if not i:
             return output
         down, across = i.grid
-        places = down * across * i.channels
-        map_ = elu(output[:, :places]).reshape(-1, down, across, i.channels).permute(0, 3, 1, 2)
-        return torch.cat([self.draw(map_).flatten(1), output[:, places:]], dim=-1)
+        drawn = down * across * i.patterns
+        map_ = elu(output[:, :drawn]).reshape(-1, down, across, i.patterns).permute(0, 3, 1, 2)
+        return torch.cat([self.draw(map_).flatten(1), output[:, drawn:]], dim=-1)
 
     def negative_elbo(self, steps):
         """−L_e of paper equation 3 per step that counts; `weight` is 0 beyond an episode's end."""

@@ -2,11 +2,12 @@
 //! gridworld -- driving|search_rescue|bomb_defusal OUT [SETTING=VALUE…]`, or `-- DOMAIN MODEL measure` for a model that exists.
 //! Metrics are JSON lines on standard output.
 
-use domains::discrete::{Discrete, Domain, Scene, Setting, World};
+use domains::bomb_defusal::{LIVE, TERMINALS, read_terminal};
+use domains::discrete::{Discrete, Domain, Mask, Scene, Setting, World};
 use models::WorldModel;
 use models::discrete::{DiscreteFilter, DiscreteModel, DiscreteScratch};
 use models::policy::largest;
-use nn::Tensor;
+use nn::{Tensor, noise};
 use std::sync::Arc;
 use training::discrete::{Actor, Episode, Rollout, Settings, Trainer};
 
@@ -82,6 +83,49 @@ fn rewards(model: &DiscreteModel, world: &World, actor: Actor, rounds: u32) -> V
     sums
 }
 
+/// As [`rewards`], greedy with full sight of everything visual by somebody who hears nothing.
+fn deaf_rewards(model: &DiscreteModel, world: &World, rounds: u32) -> Vec<f32> {
+    let (mut world, layout) = (world.clone(), &model.layout);
+    let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
+    let mut observed = Tensor::new(model.view.rows(), 1);
+    let mut action = Tensor::new(layout.actions, 1);
+    let mut filter = DiscreteFilter::new(model.sizes.latent, 1);
+    let (mut scratch, mut q) = (DiscreteScratch::default(), Tensor::default());
+    let mask = Mask {
+        visual: layout.everything().visual,
+        verbal: 0,
+    };
+    let scenarios = world.scenarios();
+    let mut sums = vec![0.0; scenarios as usize];
+    for round in 0..rounds {
+        world.reset(MEASURED, round, round);
+        filter.reset();
+        while world.end().is_running() {
+            world.observe(&mut visual, &mut verbal);
+            let column = observed.column_mut(0);
+            model.view.write(&visual, &verbal, mask, column);
+            filter.update(model, &action, &observed);
+            model.q_values(&mut scratch, &filter.mean, &mut q);
+            let choice = largest(q.column(0));
+            action.fill(0.0);
+            action.column_mut(0)[choice] = 1.0;
+            sums[(round % scenarios) as usize] += world.step(choice).reward;
+        }
+    }
+    for sum in &mut sums {
+        *sum /= (rounds / scenarios) as f32;
+    }
+    sums
+}
+
+/// What is live in a decoded image of bomb defusal: how many terminals, and whether the true one is among them.
+fn live(image: &[f32], truth: &[f32]) -> (usize, bool) {
+    let live = |x: &[f32], terminal| read_terminal(x, terminal) == LIVE;
+    let count = (0..TERMINALS).filter(|t| live(image, *t)).count();
+    let found = (0..TERMINALS).any(|t| live(image, t) && live(truth, t));
+    (count, found)
+}
+
 fn measure(model: &DiscreteModel, world: &World) {
     let greedy = |explore, limited| Actor::Greedy { explore, limited };
     for (name, actor) in [
@@ -93,6 +137,8 @@ fn measure(model: &DiscreteModel, world: &World) {
         let rewards = rewards(model, world, actor, 40 * world.scenarios());
         println!("{name}: {:.3} a round; {rewards:.2?}", mean(&rewards));
     }
+    let deaf = deaf_rewards(model, world, 40 * world.scenarios());
+    println!("deaf: {:.3} a round; {deaf:.2?}", mean(&deaf));
     for (name, actor) in [
         ("expert's", Actor::Expert { slips: 0.0 }),
         ("own", greedy(0.0, false)),
@@ -116,6 +162,8 @@ struct Measured {
     value_error: f32,
     /// By steps ahead (0, 1, 4, 8): squared errors of image, other visual numbers, words, reward, and how many.
     ahead: [([f32; 4], usize); 4],
+    /// In bomb defusal: decoded images that show a single live terminal, the right one, at 0 and at 1 step ahead.
+    live: [[usize; 2]; 2],
 }
 
 const AHEAD: [usize; 4] = [0, 1, 4, 8];
@@ -130,7 +178,7 @@ impl Measured {
             Tensor::new(shape.action, 1),
         );
         let (mut q, mut out) = (Tensor::default(), Tensor::default());
-        let still = vec![0.0; model.sizes.latent];
+        let mut noise = vec![0.0; model.sizes.latent];
         let part = |x: &[f32], t: usize, width: usize| x[t * width..(t + 1) * width].to_vec();
         let hot = |action: &mut Tensor, a: u8| {
             action.fill(0.0);
@@ -162,7 +210,9 @@ impl Measured {
             for step in 0..=AHEAD[3].min(episode.len() - 1 - t) {
                 if step > 0 {
                     hot(&mut action, episode.action[t + step]);
-                    model.advance(&mut scratch, &mut z, &action, &still);
+                    // In samples, as plans imagine, and not their mean.
+                    noise::fill(&mut noise, (self.steps * 16 + step) as u64, 0);
+                    model.advance(&mut scratch, &mut z, &action, &noise);
                 }
                 let Some(i) = AHEAD.iter().position(|n| *n == step) else {
                     continue;
@@ -175,6 +225,11 @@ impl Measured {
                 let pixels = model.sizes.image_numbers();
                 let truth = part(&episode.visual, t + step, shape.visual);
                 model.visual(&mut scratch, &z, &mut out);
+                if model.layout.domain == Domain::BombDefusal && i < 2 {
+                    let (count, found) = live(&out.column(0)[..pixels], &truth[..pixels]);
+                    self.live[i][0] += usize::from(count == 1);
+                    self.live[i][1] += usize::from(found);
+                }
                 *image += squared(&out.column(0)[..pixels], &truth[..pixels]);
                 *numbers += squared(&out.column(0)[pixels..], &truth[pixels..]);
                 let truth = part(&episode.verbal, t + step, shape.verbal);
@@ -203,6 +258,12 @@ impl Measured {
         for (steps, (errors, count)) in AHEAD.iter().zip(&self.ahead) {
             let root = errors.map(|e| (e / (*count).max(1) as f32).sqrt());
             println!("  {steps} ahead: image, numbers, words, reward off by {root:.3?}");
+        }
+        if self.live[0][0] > 0 {
+            println!(
+                "  one terminal live, the right one, now and a step ahead: {:?}",
+                self.live
+            );
         }
     }
 }
