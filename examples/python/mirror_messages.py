@@ -74,6 +74,18 @@ class Observation(ctypes.Structure):
         return "mirror/Observation/2"
 
 
+class Picture(ctypes.Structure):
+    LAYOUT = "mirror/Picture/1 layout 1991a10909834dc6"
+    _fields_ = [
+        ("header", Header),
+        ("text", ctypes.c_uint8 * 1024),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Picture/1"
+
+
 class ObjectPose(ctypes.Structure):
     LAYOUT = "mirror/ObjectPose/1 layout d413802222b6d8ee"
     _fields_ = [
@@ -335,6 +347,7 @@ class Report(ctypes.Structure):
 TOPICS = {
     "world/lidar": LidarFrame,
     "world/observation": Observation,
+    "world/picture": Picture,
     "world/scene": Scene,
     "world/outcome": Outcome,
     "belief/robot": RobotBelief,
@@ -353,6 +366,7 @@ _PLACES = {
     Header: (48, [0, 8, 16, 24, 32, 40, 44]),
     LidarFrame: (792, [0, 48, 480, 624, 768, 788]),
     Observation: (1600, [0, 48, 1072, 1584, 1588, 1592, 1596]),
+    Picture: (1072, [0, 48]),
     ObjectPose: (40, [0, 8, 16, 20, 24, 28, 32, 36]),
     Scene: (2656, [0, 48, 88, 2648, 2652]),
     Outcome: (112, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 100, 104, 108]),

@@ -46,11 +46,11 @@ pub enum Command {
 /// Options of `mirror up`.
 #[derive(Args, Debug)]
 pub struct UpArguments {
-    /// Where to drive: a scene that ships (highway-fog, highway-clear), a scene file (.toml), or recorded traffic from a
-    /// CommonRoad scenario (.xml)
+    /// Where to drive: a scene that ships (highway-fog, highway-clear; of the gridworlds driving-fog, driving, search-smoke,
+    /// search, bomb), a scene file (.toml), or recorded traffic from a CommonRoad scenario (.xml)
     #[arg(long, value_name = "NAME|FILE", default_value = "highway-fog")]
     pub scene: String,
-    /// Fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
+    /// Highway: fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub fog: Option<f64>,
     /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
@@ -61,8 +61,8 @@ pub struct UpArguments {
     /// How to decide what to communicate
     #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerKind::Ce)]
     pub planner: PlannerKind,
-    /// Who drives: `sim:ID` (a simulated person, 1 to 21), `sim:FILE.toml` (your own), or `recorded:ID` (the person in that
-    /// car of a CommonRoad scenario)
+    /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or `recorded:ID`
+    /// (the person in that car of a CommonRoad scenario)
     #[arg(
         long,
         value_name = "sim:ID|sim:FILE|recorded:ID",
@@ -94,7 +94,7 @@ pub struct UpArguments {
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc` or
-    /// `sqil` [default: learned at the start from six rounds without communication]
+    /// `sqil` [default: learned at the start from six rounds without communication; in a gridworld, one of each scenario]
     #[arg(long, visible_alias = "learned", value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes

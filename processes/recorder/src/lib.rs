@@ -6,6 +6,7 @@
 
 pub mod cdr;
 pub mod parts;
+mod picture;
 pub mod queue;
 pub mod read;
 pub mod recording;

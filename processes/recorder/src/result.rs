@@ -140,7 +140,10 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("recorder.json");
         let mut ports = [0; TOPICS.len()];
-        ports[2] = 3;
+        let outcome = TOPICS
+            .iter()
+            .position(|topic| topic.name == "world/outcome");
+        ports[outcome.unwrap_or_default()] = 3;
         let lost = Lost {
             ports,
             ..Lost::default()

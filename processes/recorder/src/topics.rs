@@ -5,7 +5,7 @@
 
 use messages::{
     CommAction, Control, Display, DriverAction, Header, HumanBelief, LidarFrame, Message,
-    Observation, Outcome, Report, RobotBelief, Scene, topic,
+    Observation, Outcome, Picture, Report, RobotBelief, Scene, topic,
 };
 use runtime::{Digest, Input, InputOptions, Node, PortError};
 
@@ -130,6 +130,7 @@ macro_rules! topics {
 topics! {
     lidar: LidarFrame on topic::LIDAR;
     observation: Observation on topic::OBSERVATION;
+    picture: Picture on topic::PICTURE;
     scene: Scene on topic::SCENE;
     outcome: Outcome on topic::OUTCOME;
     robot_belief: RobotBelief on topic::ROBOT_BELIEF;

@@ -4,12 +4,15 @@
 //! roof; `lidar_low`, `lidar_mid` and `lidar_high` at the middle of the sensor's height bands.
 
 use crate::cdr::Cdr;
+use crate::picture;
 use crate::ros::{
     Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, Pose, Schema, Shape, Stamp, TF_MESSAGE,
     Transform, write_markers, write_transforms,
 };
 use crate::topics::Recorded;
-use messages::{AZIMUTHS, Display, HEIGHT_BANDS, Header, LidarFrame, Message, ObjectPose, Scene};
+use messages::{
+    AZIMUTHS, Display, HEIGHT_BANDS, Header, LidarFrame, Message, ObjectPose, Picture, Scene,
+};
 
 /// Reach of the LIDAR in metres (DESIGN §4).
 const REACH_M: f32 = 40.0;
@@ -70,6 +73,8 @@ pub struct RoadLine {
 pub struct Visuals {
     lidar: LidarFrame,
     scene: Scene,
+    /// The newest picture of a gridworld; none on the highway.
+    picture: Option<Box<Picture>>,
     display: Display,
     /// The car that the ego car touched in this episode, if any.
     touched: Option<i32>,
@@ -83,6 +88,7 @@ impl Default for Visuals {
         Self {
             lidar: LidarFrame::ZERO,
             scene: Scene::ZERO,
+            picture: None,
             display: Display::ZERO,
             touched: None,
             utterance: None,
@@ -106,6 +112,14 @@ impl Visuals {
                 }
                 self.scene = *scene;
                 self.transforms(emit);
+                self.markers(emit);
+            }
+            Recorded::Picture(picture) => {
+                match &mut self.picture {
+                    Some(kept) => **kept = *picture,
+                    kept => *kept = Some(Box::new(*picture)),
+                }
+                self.display = Display::ZERO;
                 self.markers(emit);
             }
             Recorded::Outcome(outcome) if outcome.collided != 0 => {
@@ -195,7 +209,17 @@ impl Visuals {
     }
 
     fn markers(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
-        write_markers(&self.marker_list(), &mut self.cdr);
+        let markers = match &self.picture {
+            None => self.marker_list(),
+            Some(picture) => {
+                let stamp = Stamp {
+                    time_ns: sensed_ns(&picture.header),
+                    frame: "map",
+                };
+                picture::draw(picture, &self.display, stamp)
+            }
+        };
+        write_markers(&markers, &mut self.cdr);
         emit(Channel::Markers as usize, self.cdr.bytes());
     }
 

@@ -137,7 +137,7 @@ fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
         String::from_utf8_lossy(&output.stderr)
     );
     assert!(
-        text.contains("132 messages of 11 topics equal what was sent"),
+        text.contains("144 messages of 12 topics equal what was sent"),
         "{text}"
     );
 }

@@ -4,7 +4,7 @@ use crate::content::Options;
 use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
 use domains::discrete::{Domain, Layout, Words, sentence};
-use messages::{CommAction, Display, Observation, Outcome};
+use messages::{CommAction, Display, Observation, Outcome, Picture};
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -93,6 +93,7 @@ pub struct GridEvents<W> {
     layout: Arc<Layout>,
     /// What was shown at the step before.
     shown: u32,
+    picture: String,
 }
 
 impl<W: Write> GridEvents<W> {
@@ -102,6 +103,7 @@ impl<W: Write> GridEvents<W> {
             lines: Lines::new(out, colours, options.step_s),
             layout,
             shown: 0,
+            picture: String::new(),
         }
     }
 }
@@ -109,10 +111,18 @@ impl<W: Write> GridEvents<W> {
 impl<W: Write> Tell for GridEvents<W> {
     type Sensed = Observation;
 
+    fn picture(&mut self, picture: &Picture) {
+        let text = picture.text.split(|&byte| byte == 0).next();
+        self.picture.clear();
+        self.picture
+            .push_str(&String::from_utf8_lossy(text.unwrap_or_default()));
+    }
+
     fn display(&mut self, display: &Display, sensed: &Observation) -> io::Result<()> {
         let (episode, step) = (sensed.header.episode, sensed.header.step);
         if self.lines.enter(episode)? {
             self.shown = 0;
+            self.lines.draw(&self.picture)?;
         }
         let spoken = (display.utterance_count as usize).min(display.utterances.len());
         for utterance in &display.utterances[..spoken] {

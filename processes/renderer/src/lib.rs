@@ -12,7 +12,7 @@ pub use gridworld::{GridEvents, GridRenderer};
 pub use render::{Render, Tell};
 
 use anyhow::Result;
-use messages::{CommAction, Display, Outcome, Sensed, topic};
+use messages::{CommAction, Display, Outcome, Picture, Sensed, topic};
 use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake};
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -66,6 +66,7 @@ struct Process<R: Render, T> {
     sensed: Input<R::Sensed>,
     decision: Input<CommAction>,
     outcome: Input<Outcome>,
+    picture: Input<Picture>,
     display: Output<Display>,
     /// What a predecessor showed, for one that joins late.
     shown: Option<Input<Display>>,
@@ -79,20 +80,19 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
             ClockMode::Lockstep => Receive::InOrder,
             ClockMode::RealTime => Receive::Newest,
         };
+        let asleep = InputOptions {
+            wakes: false,
+            ..InputOptions::new(Receive::Newest)
+        };
         Ok(Self {
             sensed: node.input(R::Sensed::TOPIC, receive)?,
             decision: node.input(topic::COMM_ACTION, receive)?,
             outcome: node.input(topic::OUTCOME, Receive::InOrder)?,
+            picture: node.input_with(topic::PICTURE, asleep)?.uncounted(),
             display: node.output(topic::DISPLAY)?,
             shown: match node.arguments().standby {
                 false => None,
-                true => {
-                    let asleep = InputOptions {
-                        wakes: false,
-                        ..InputOptions::new(Receive::Newest)
-                    };
-                    Some(node.input_with(topic::DISPLAY, asleep)?.uncounted())
-                }
+                true => Some(node.input_with(topic::DISPLAY, asleep)?.uncounted()),
             },
             renderer,
             events,
@@ -178,6 +178,10 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
         if let Some(events) = &mut self.events
             && node.speaks(episode, step)
         {
+            self.picture.take()?;
+            if let Some(picture) = self.picture.message() {
+                events.picture(picture);
+            }
             // A closed terminal is no reason to stop showing.
             let _ = events.display(&display, sensed);
         }

@@ -59,6 +59,17 @@ impl<W: Write> Lines<W> {
         self.line(step, BOLD, "END", format_args!("episode {episode}: {how}"))
     }
 
+    /// A drawing of several lines.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn draw(&mut self, drawing: &str) -> io::Result<()> {
+        for line in drawing.lines() {
+            writeln!(self.out, "           {line}")?;
+        }
+        Ok(())
+    }
+
     /// Tells of something else.
     ///
     /// # Errors

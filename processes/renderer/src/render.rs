@@ -1,6 +1,6 @@
 //! What the process's loop asks of a renderer and of what it prints, whatever the domain.
 
-use messages::{CommAction, Display, Header, Outcome, Sensed};
+use messages::{CommAction, Display, Header, Outcome, Picture, Sensed};
 use std::io;
 
 /// For how many steps a decision stays in force when the next is late, in real time.
@@ -31,6 +31,9 @@ pub trait Render {
 pub trait Tell {
     /// What there is to sense.
     type Sensed: Sensed;
+
+    /// The true state, as a text.
+    fn picture(&mut self, _: &Picture) {}
 
     /// What is shown and said now, as far as it is news.
     ///

@@ -249,7 +249,10 @@ impl Reading {
             }
             Recorded::CommAction(decision) => step.decision = Some(*decision),
             // These are no part of a step, and must not begin one.
-            Recorded::Scene(_) | Recorded::Control(_) | Recorded::Report(_) => {
+            Recorded::Picture(_)
+            | Recorded::Scene(_)
+            | Recorded::Control(_)
+            | Recorded::Report(_) => {
                 if step.is_empty() {
                     self.drive.steps.remove(&at);
                 }
@@ -270,7 +273,7 @@ impl Reading {
         };
         let missing = NEEDED.iter().filter(|name| is_missing(name));
         let mut missing: Vec<_> = missing.map(|name| format!("/{name}")).collect();
-        if SENSED.iter().all(|name| is_missing(&name)) {
+        if SENSED.iter().all(is_missing) {
             missing.insert(0, format!("/{}", SENSED.join(" or /")));
         }
         if !missing.is_empty() {

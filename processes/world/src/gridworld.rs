@@ -3,22 +3,27 @@
 use crate::truth::Truth;
 use anyhow::{Result, ensure};
 use domains::discrete::{self, Discrete, Scene, World};
-use messages::{DriverAction, Observation, Outcome, VERBAL_NUMBERS, VISUAL_NUMBERS};
-use runtime::Stamp;
+use messages::{
+    DriverAction, Observation, Outcome, PICTURE_BYTES, Picture, VERBAL_NUMBERS, VISUAL_NUMBERS,
+    topic,
+};
+use runtime::{Node, Output, Stamp};
 
 /// Driving, search and rescue, or bomb defusal.
 pub struct Gridworld {
     world: World,
     outcome: discrete::Outcome,
     step_ns: u64,
+    picture: Output<Picture>,
+    text: String,
 }
 
 impl Gridworld {
-    /// The scene's world, with the words that ship.
+    /// The scene's world, with the words that ship, and a port for what is true.
     ///
     /// # Errors
-    /// When the words do not fit the scene, or its modalities no message.
-    pub fn new(scene: &Scene) -> Result<Self> {
+    /// When the words do not fit the scene, its modalities no message, or the port cannot be made.
+    pub fn new(node: &Node, scene: &Scene) -> Result<Self> {
         let world = World::new(scene, &models::words::shipped(scene.domain())?)?;
         let layout = world.layout();
         ensure!(
@@ -32,6 +37,8 @@ impl Gridworld {
             world,
             outcome: discrete::Outcome::default(),
             step_ns: scene.step_ns(),
+            picture: node.output(topic::PICTURE)?,
+            text: String::with_capacity(2 * PICTURE_BYTES),
         })
     }
 }
@@ -79,7 +86,16 @@ impl Truth for Gridworld {
             .observe(&mut out.visual[..visual], &mut out.verbal[..verbal]);
     }
 
-    fn show(&mut self, _: Stamp) -> Result<()> {
-        Ok(())
+    fn show(&mut self, stamp: Stamp) -> Result<()> {
+        self.text.clear();
+        self.world.render(&mut self.text);
+        let mut length = self.text.len().min(PICTURE_BYTES - 1); // a zero follows
+        while !self.text.is_char_boundary(length) {
+            length -= 1;
+        }
+        let text = &self.text.as_bytes()[..length];
+        Ok(self
+            .picture
+            .send_with(stamp, |out| out.text[..length].copy_from_slice(text))?)
     }
 }

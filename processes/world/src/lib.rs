@@ -33,7 +33,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
             .and_then(|world| Highway::new(&node, world))
             .and_then(|world| drive(&mut node, options, world)),
         Place::Gridworld(scene) => {
-            Gridworld::new(scene).and_then(|world| drive(&mut node, options, world))
+            Gridworld::new(&node, scene).and_then(|world| drive(&mut node, options, world))
         }
     };
     match &result {

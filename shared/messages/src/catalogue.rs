@@ -46,6 +46,7 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
     describe::<Header>(&mut visit);
     describe::<LidarFrame>(&mut visit);
     describe::<Observation>(&mut visit);
+    describe::<Picture>(&mut visit);
     describe::<ObjectPose>(&mut visit);
     describe::<Scene>(&mut visit);
     describe::<Outcome>(&mut visit);
@@ -66,6 +67,7 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
 pub fn for_each_topic(mut visit: impl FnMut(&'static str, Description)) {
     visit(topic::LIDAR, description::<LidarFrame>());
     visit(topic::OBSERVATION, description::<Observation>());
+    visit(topic::PICTURE, description::<Picture>());
     visit(topic::SCENE, description::<Scene>());
     visit(topic::OUTCOME, description::<Outcome>());
     visit(topic::ROBOT_BELIEF, description::<RobotBelief>());

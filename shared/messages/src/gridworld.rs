@@ -22,3 +22,16 @@ message! {
         pub legal: u32,
     } header: yes
 }
+
+/// Most bytes of a [`Picture`]'s text.
+pub const PICTURE_BYTES: usize = 1024;
+
+message! {
+    /// The true state of a gridworld, for display and scoring only: belief, human model and planner never read it.
+    pub struct Picture, "1" {
+        /// Header.
+        pub header: Header,
+        /// A drawing in text, zero-padded UTF-8: lines of cells, then a line that says what its letters stand for.
+        pub text: [u8; PICTURE_BYTES],
+    } header: yes
+}

@@ -44,7 +44,9 @@ pub mod topic {
     pub const LIDAR: &str = "world/lidar";
     /// [`Observation`](crate::Observation): gridworlds → belief, human, driver, renderer, recorder.
     pub const OBSERVATION: &str = "world/observation";
-    /// [`Scene`](crate::Scene): world → renderer, recorder.
+    /// [`Picture`](crate::Picture): gridworlds → renderer, recorder.
+    pub const PICTURE: &str = "world/picture";
+    /// [`Scene`](crate::Scene): highway → renderer, recorder.
     pub const SCENE: &str = "world/scene";
     /// [`Outcome`](crate::Outcome): world → all.
     pub const OUTCOME: &str = "world/outcome";

@@ -312,6 +312,7 @@ fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
     let mut kept = Vec::new();
     open::<messages::LidarFrame>(shared, topic::LIDAR, &mut kept)?;
     open::<messages::Observation>(shared, topic::OBSERVATION, &mut kept)?;
+    open::<messages::Picture>(shared, topic::PICTURE, &mut kept)?;
     open::<messages::Scene>(shared, topic::SCENE, &mut kept)?;
     open::<messages::Outcome>(shared, topic::OUTCOME, &mut kept)?;
     open::<messages::RobotBelief>(shared, topic::ROBOT_BELIEF, &mut kept)?;

@@ -300,9 +300,9 @@ fn another_layout_or_version_is_refused_with_both_named() {
             theirs,
         }) => {
             assert_eq!(at, topic::DRIVER_ACTION);
-            assert!(ours.starts_with("mirror/DriverAction/1 layout "), "{ours}");
+            assert!(ours.starts_with("mirror/DriverAction/2 layout "), "{ours}");
             assert!(
-                theirs.starts_with("mirror/DriverAction/1 layout "),
+                theirs.starts_with("mirror/DriverAction/2 layout "),
                 "{theirs}"
             );
             assert_ne!(ours, theirs);
@@ -314,8 +314,8 @@ fn another_layout_or_version_is_refused_with_both_named() {
         .map(|_| ())
     {
         Err(PortError::Layout { ours, theirs, .. }) => {
-            assert!(ours.starts_with("mirror/DriverAction/2 "), "{ours}");
-            assert!(theirs.starts_with("mirror/DriverAction/1 "), "{theirs}");
+            assert!(ours.starts_with("mirror/DriverAction/3 "), "{ours}");
+            assert!(theirs.starts_with("mirror/DriverAction/2 "), "{theirs}");
         }
         other => panic!("another version was not refused: {other:?}"),
     }

@@ -3,7 +3,7 @@
 
 use messages::{
     CommAction, Control, Display, DriverAction, Field, HumanBelief, LidarFrame, Message,
-    Observation, Outcome, Report, RobotBelief, Scene,
+    Observation, Outcome, Picture, Report, RobotBelief, Scene,
 };
 use recorder::recording::About;
 use recorder::topics::Recorded;
@@ -27,6 +27,7 @@ pub fn step_messages(step: u32) -> Vec<Recorded> {
     vec![
         (&known::<LidarFrame>(step, 0)).into(),
         (&known::<Observation>(step, 10)).into(),
+        (&known::<Picture>(step, 11)).into(),
         (&known::<Scene>(step, 1)).into(),
         (&known::<Outcome>(step, 2)).into(),
         (&known::<RobotBelief>(step, 3)).into(),
@@ -88,6 +89,7 @@ pub fn values(message: &Recorded) -> Value {
     let fields = match message {
         Recorded::LidarFrame(_) => LidarFrame::fields(),
         Recorded::Observation(_) => Observation::fields(),
+        Recorded::Picture(_) => Picture::fields(),
         Recorded::Scene(_) => Scene::fields(),
         Recorded::Outcome(_) => Outcome::fields(),
         Recorded::RobotBelief(_) => RobotBelief::fields(),
