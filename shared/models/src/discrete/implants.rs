@@ -3,8 +3,7 @@
 //!
 //! *Perceptual implant*: the limits of [`Perceiver`]. *Policy implant*: a residual δ(z^H) on the logits of the categorical policy,
 //! p̂ = softmax(Q/temperature + δ(z^H)), where δ = c · tanh(a small network / c): bounded, because a person who is told something is in
-//! a state that no round without an assistant shows, and there an unbounded network shouts down what the robot knows; but not so
-//! tightly that a habit of theirs, such as keeping to the right, has to be explained by what they see.
+//! a state that no round without an assistant shows, and there an unbounded network shouts down what the robot knows.
 
 use super::perception::Perceiver;
 use super::self_model::DiscreteModel;
@@ -16,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 pub const RESIDUAL_HIDDEN: usize = 16;
 
 /// c: the most that the policy implant moves a logit by.
-pub const RESIDUAL_BOUND: f32 = 3.0;
+pub const RESIDUAL_BOUND: f32 = 1.5;
 
 /// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
 #[derive(Clone, Debug)]

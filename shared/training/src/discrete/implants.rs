@@ -4,6 +4,11 @@
 //! argmin_χ  − Σ_t E_{z_t ~ q(z_t | x_{1:t}, a_{1:t−1}, χ)} [log π(a_t | z_t)]  −  λ log p(χ)
 //! ```
 //!
+//! Where perception is a matter of chance (bomb defusal), a few people k share a round, each of whom noticed other things, and the
+//! loss is −log of their mean likelihood, −Σ_t log (1/K) Σ_k π(a_t | z_t^k), a closer bound (importance weighting; Burda et al.
+//! 2016). The mean of the logarithms cannot learn there that whoever sees acts: the person acts when *they* see, the samples see
+//! at other times, and so the residual would learn to wait whatever is seen, and told.
+//!
 //! Only χ moves. Whole rounds are followed through the perceptual implant and q_φ. p(χ) is a standard normal of each weight of the
 //! residual and flat in the limits, and λ is one over the number of steps, so that the loss is −log posterior a step: the prior
 //! holds the network down while rounds are few and yields as they become many. A penalty on the residual's *output* does not: it
@@ -33,8 +38,10 @@ pub struct Settings {
     /// Learning starts with each group of limits ([`Perceiver::group`]) at each of these shares of the largest, and the most
     /// probable outcome is kept: a limit that nothing ever crosses feels no slope.
     pub starts: [f32; 3],
-    /// Each round is followed at least so many times at once, with different noise.
+    /// Rounds are followed as often as makes at least so many columns, with different noise.
     pub least_columns: usize,
+    /// K: people who share a round where perception is a matter of chance.
+    pub sharing: usize,
     /// Seed of the residual's first weights and of the noise.
     pub seed: u64,
 }
@@ -42,11 +49,12 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            learning_rate: 0.1,
-            iterations: 80,
+            learning_rate: 0.08,
+            iterations: 100,
             residual_precision: 1.0,
             starts: [0.1, 0.4, 0.9],
             least_columns: 16,
+            sharing: 8,
             seed: 0,
         }
     }
@@ -85,6 +93,8 @@ pub struct Followed {
     pub steps: usize,
     /// Rounds, each as often as it is followed.
     pub columns: usize,
+    /// How many columns share a round in the loss: columns j, j + columns/sharing, …
+    pub sharing: usize,
     /// x^visual.
     pub visual: Tensor,
     /// x^verbal.
@@ -111,12 +121,19 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
     if used.is_empty() {
         return Vec::new();
     }
-    let copies = settings.least_columns.div_ceil(used.len()).max(1);
-    let columns: Vec<_> = (0..copies).flat_map(|_| used.iter().copied()).collect();
     let shape = model.sizes.shape;
     let perceiver = Perceiver::new(&model.layout);
+    let by_chance = perceiver.noise_rows() > 0;
+    let sharing = if by_chance {
+        settings.sharing.max(1)
+    } else {
+        1
+    };
+    let copies = settings.least_columns.div_ceil(used.len() * sharing).max(1);
+    let rounds_followed: Vec<_> = (0..copies).flat_map(|_| used.iter().copied()).collect();
+    let of = |s: usize| rounds_followed.len() * s / SHARDS;
     (0..SHARDS)
-        .map(|s| &columns[columns.len() * s / SHARDS..columns.len() * (s + 1) / SHARDS])
+        .map(|s| rounds_followed[of(s)..of(s + 1)].repeat(sharing))
         .filter(|part| !part.is_empty())
         .map(|part| {
             let steps = part.iter().map(|r| r.len()).max().unwrap_or(0);
@@ -124,6 +141,7 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
             let mut out = Followed {
                 steps,
                 columns: part.len(),
+                sharing,
                 visual: Tensor::new(shape.visual, all),
                 verbal: Tensor::new(shape.verbal, all),
                 previous: Tensor::new(shape.action, all),
@@ -341,12 +359,41 @@ pub fn negative_log_likelihood(
     }
     let z = tape.join(&samples);
     let logits = policy_on_tape(tape, model, attached, z);
-    let weight = tape.input(&shard.weight);
-    let counted = shard.weight.data().iter().sum::<f32>().max(1.0);
     let nll = tape.categorical_nll(logits, &shard.taken);
+    let counted = shard.weight.data().iter().sum::<f32>().max(1.0);
+    let mut weight = shard.weight.clone();
+    let bound = share(shard, tape.value(nll), weight.data_mut());
+    let weight = tape.input(&weight);
     let nll = tape.mul(nll, weight);
     let nll = tape.sum(nll);
+    // The weights are constants: Σ_k w_k ∇nll_k is the bound's gradient, and this its value.
+    let beside = bound - tape.scalar(nll);
+    let nll = tape.offset(nll, beside);
     tape.scale(nll, 1.0 / counted)
+}
+
+/// Turns the `weight` of columns that share a round into K · π(a | z^k) / Σ_k π(a | z^k), and gives back the sum over columns
+/// that count of −log (1/K) Σ_k π(a | z^k).
+fn share(shard: &Followed, nll: &[f32], weight: &mut [f32]) -> f32 {
+    let rounds = shard.columns / shard.sharing;
+    let mut sum = 0.0;
+    for t in 0..shard.steps {
+        for round in 0..rounds {
+            let first = t * shard.columns + round;
+            if weight[first] == 0.0 {
+                continue;
+            }
+            let columns = (0..shard.sharing).map(|k| first + k * rounds);
+            let least = columns.clone().map(|j| nll[j]).fold(f32::MAX, f32::min);
+            let total: f32 = columns.clone().map(|j| (least - nll[j]).exp()).sum();
+            let people = shard.sharing as f32;
+            for j in columns {
+                weight[j] = people * (least - nll[j]).exp() / total;
+            }
+            sum += people * (least - (total / people).ln());
+        }
+    }
+    sum
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.
