@@ -156,7 +156,10 @@ pub fn scene(text: &str, fog_m: Option<f64>, person: &str) -> Result<(NamedScene
 }
 
 /// The gridworld's scene of that name or file, if it is one's.
-fn gridworld_scene(text: &str) -> Result<Option<discrete::Scene>> {
+///
+/// # Errors
+/// Names the file and the place in it.
+pub fn gridworld_scene(text: &str) -> Result<Option<discrete::Scene>> {
     let path = Path::new(text);
     if path.extension().is_none() && !path.exists() {
         return Ok(match discrete::Scene::names().any(|name| name == text) {
