@@ -9,6 +9,7 @@ mod failure;
 mod gridworld;
 mod inputs;
 mod learn;
+mod learned;
 mod place;
 mod process;
 mod profile;

@@ -225,7 +225,7 @@ impl Resolved {
             );
         }
         let (_, model) = place::self_model(Some(&self.human.model), &place)?;
-        place::learn_at_start(&place, &who, kind, &model, path)
+        crate::learned::learn_at_start(&place, &who, kind, &model, path)
     }
 
     /// What can be communicated.

@@ -3,7 +3,8 @@
 use super::door::Replacement;
 use crate::cli::{Clock, PlannerKind, UpArguments};
 use crate::inputs;
-use crate::place::{self, ImplantSource, NamedPerson, NamedScene, Place, RobotModel, Who};
+use crate::learned::{self, ImplantSource};
+use crate::place::{self, NamedPerson, NamedScene, Place, RobotModel, Who};
 use crate::process::NAMES;
 use anyhow::{Context, Result, bail, ensure};
 use domains::highway::Scene;
@@ -65,16 +66,16 @@ impl Plan {
     /// Names the option, or the file and the place in it, that cannot be used.
     pub fn resolve(arguments: &UpArguments) -> Result<Self> {
         let (scene, driver) = place::scene(&arguments.scene, arguments.fog, &arguments.driver)?;
+        check_planner(arguments.planner, &scene)?;
         let settings = place::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
         let self_model = place::self_model(arguments.self_model.as_deref(), &scene.place)?;
-        let implants = place::implants(
+        let implants = learned::implants(
             arguments.implants.as_deref(),
             human,
             &driver.who,
             &self_model.1,
         )?;
-        check_planner(arguments.planner, &scene)?;
         ensure!(
             arguments.planner != PlannerKind::Kl || human.is_self_model(),
             "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
@@ -127,7 +128,7 @@ impl Plan {
             .map(|n| run.directory().join(format!("learned.{n}.safetensors")))
             .find(|path| !path.exists())
             .context("a name for what is learned")?;
-        place::learn_at_start(&self.scene.place, who, self.human, model, &path)?;
+        learned::learn_at_start(&self.scene.place, who, self.human, model, &path)?;
         self.implants = ImplantSource::File(path);
         Ok(())
     }
@@ -163,7 +164,7 @@ impl Plan {
         match name {
             "human" => {
                 changed.human = inputs::human("swap human", kind)?;
-                changed.implants = place::implants(
+                changed.implants = learned::implants(
                     asked.implants.as_deref(),
                     changed.human,
                     &self.driver.who,

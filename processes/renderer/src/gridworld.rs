@@ -4,7 +4,7 @@ use crate::content::Options;
 use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
 use domains::discrete::{Domain, Layout, Words, sentence};
-use messages::{CommAction, Display, Observation, Outcome, Picture};
+use messages::{CommAction, Display, Observation, Outcome, PICTURE_BYTES, Picture};
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -94,6 +94,8 @@ pub struct GridEvents<W> {
     /// What was shown at the step before.
     shown: u32,
     picture: String,
+    /// The episode whose beginning was drawn last.
+    drawn: Option<u32>,
 }
 
 impl<W: Write> GridEvents<W> {
@@ -103,7 +105,8 @@ impl<W: Write> GridEvents<W> {
             lines: Lines::new(out, colours, options.step_s),
             layout,
             shown: 0,
-            picture: String::new(),
+            picture: String::with_capacity(PICTURE_BYTES),
+            drawn: None,
         }
     }
 }
@@ -120,7 +123,8 @@ impl<W: Write> Tell for GridEvents<W> {
 
     fn display(&mut self, display: &Display, sensed: &Observation) -> io::Result<()> {
         let (episode, step) = (sensed.header.episode, sensed.header.step);
-        if self.lines.enter(episode)? {
+        self.lines.enter(episode)?;
+        if self.drawn.replace(episode) != Some(episode) {
             self.shown = 0;
             self.lines.draw(&self.picture)?;
         }
@@ -162,5 +166,87 @@ impl<W: Write> Tell for GridEvents<W> {
             Domain::BombDefusal => "the bomb is defused",
         };
         self.lines.end(outcome, success)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use domains::discrete::{Discrete, Scene, World};
+    use messages::Message;
+
+    /// The world of search and rescue at its start, and what is sensed of it.
+    fn sensed(step: u32) -> (Arc<Layout>, Words, Observation) {
+        let scene = Scene::builtin("search-smoke").expect("it ships");
+        let words = models::words::shipped(scene.domain()).expect("they ship");
+        let mut world = World::new(&scene, &words).expect("they fit");
+        world.reset(1, 0, 0);
+        let layout = world.layout().clone();
+        let mut sensed = Observation::ZERO;
+        sensed.header.step = step;
+        (sensed.visual_len, sensed.verbal_len) = (layout.visual as u32, layout.verbal as u32);
+        let (visual, verbal) = (&mut sensed.visual, &mut sensed.verbal);
+        world.observe(&mut visual[..layout.visual], &mut verbal[..layout.verbal]);
+        (Arc::new(layout), words, sensed)
+    }
+
+    fn decision(step: u32, visual: u32, verbal: u32) -> CommAction {
+        let mut decision = CommAction::ZERO;
+        decision.header.step = step;
+        (decision.visual, decision.verbal) = (visual, verbal);
+        decision
+    }
+
+    #[test]
+    fn what_is_decided_is_shown_and_said_once() {
+        let (layout, words, first) = sensed(3);
+        let mut renderer = GridRenderer::new(layout, words);
+        let decided = decision(3, 0b101, 0b1001);
+        let mut display = Display::ZERO;
+        renderer.render(&first, Some(&decided), &mut display);
+        assert_eq!((display.highlighted, display.said()), (0b101, 0b1001));
+        let said: Vec<_> = display.utterances[..2].iter().map(text_of).collect();
+        assert!(
+            said[0].contains("top right") && said[1].contains("top corridor"),
+            "{said:?}"
+        );
+        // A decision for the step before still shows, and is not said again.
+        let (.., next) = sensed(4);
+        let mut display = Display::ZERO;
+        renderer.render(&next, Some(&decided), &mut display);
+        assert_eq!((display.highlighted, display.utterance_count), (0b101, 0));
+        let mut display = Display::ZERO;
+        renderer.render(&sensed(9).2, Some(&decided), &mut display);
+        assert_eq!(display.highlighted, 0);
+    }
+
+    #[test]
+    fn the_terminal_tells_of_it_in_words() {
+        let (layout, words, sensed) = sensed(0);
+        let mut renderer = GridRenderer::new(Arc::clone(&layout), words);
+        let mut out = Vec::new();
+        let mut events = GridEvents::new(&mut out, false, &Options::default(), layout);
+        let mut picture = Picture::ZERO;
+        picture.text[..8].copy_from_slice(b"#P.\nmore");
+        events.picture(&picture);
+        let mut display = Display::ZERO;
+        renderer.render(&sensed, Some(&decision(0, 0b11, 0b10000)), &mut display);
+        events.display(&display, &sensed).expect("memory takes it");
+        let mut outcome = Outcome::ZERO;
+        (outcome.header.step, outcome.collided, outcome.end) = (2, 1, 1);
+        events.outcome(&outcome).expect("memory takes it");
+        let text = String::from_utf8_lossy(&out);
+        let lines: Vec<_> = text.lines().map(str::trim_start).collect();
+        assert_eq!(lines[..3], ["0.00 s  START  episode 0", "#P.", "more"]);
+        assert!(
+            lines[3].starts_with("0.00 s  SAY    “The bottom corridor is "),
+            "{text}"
+        );
+        assert_eq!(lines[4], "0.00 s  SHOW   top left, top");
+        assert!(lines[5].ends_with("CRASH  ran into an obstacle"), "{text}");
+        assert!(
+            lines[6].ends_with("END    episode 0: the victim is rescued"),
+            "{text}"
+        );
     }
 }

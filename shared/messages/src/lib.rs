@@ -12,6 +12,7 @@ mod highway;
 mod message;
 mod python;
 mod sensed;
+mod step;
 
 pub use catalogue::{Description, all_definitions, for_each_message, for_each_topic};
 pub use field::{Field, FieldType};
@@ -21,3 +22,4 @@ pub(crate) use message::layout_text;
 pub use message::{Header, Message, layout_hash};
 pub use python::python_module;
 pub use sensed::Sensed;
+pub use step::*;

@@ -1,0 +1,99 @@
+//! What a human model learned of the person: given as a file, or learned before the run starts.
+
+use crate::gridworld;
+use crate::learn;
+use crate::place::{Place, RobotModel, Who};
+use anyhow::{Context, Result, bail, ensure};
+use driver::{Acting, Driving};
+use models::Kind;
+use models::discrete::human_file::load_human;
+use std::path::{Path, PathBuf};
+
+/// Where what a human model learned of the person comes from: implants, or the policy of `bc` and `sqil`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ImplantSource {
+    /// It has none.
+    None,
+    /// A file that was read and fits.
+    File(PathBuf),
+    /// They are learned from this person's rounds before the run starts.
+    Learn(Box<Who>),
+}
+
+/// What the human model learned of this person: the given file, the one that ships, or what is still to be learned.
+///
+/// # Errors
+/// Names the file and what is wrong with it.
+pub fn implants(
+    given: Option<&Path>,
+    human: Kind,
+    who: &Who,
+    model: &RobotModel,
+) -> Result<ImplantSource> {
+    if human == Kind::Myself {
+        ensure!(given.is_none(), "--implants: human model `self` has none");
+        return Ok(ImplantSource::None);
+    }
+    let Some(path) = given else {
+        if let Who::Driving(Driving::Recorded(car)) = who {
+            bail!(
+                "--human {} needs --implants for recorded driver {car}; or use --human self",
+                human.name()
+            );
+        }
+        return Ok(ImplantSource::Learn(Box::new(who.clone())));
+    };
+    let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let model = match model {
+        RobotModel::Highway(model) => model,
+        RobotModel::Gridworld(model) => {
+            load_human(Some(&path), human, model)?;
+            return Ok(ImplantSource::File(path));
+        }
+    };
+    if !human.is_self_model() {
+        models::recurrent_file::load_policy(&path, human)?;
+        return Ok(ImplantSource::File(path));
+    }
+    let implants = models::checkpoint::load_implants(&path, model)?;
+    let has_policy = implants.has_policy();
+    ensure!(
+        has_policy == (human == Kind::Mirror),
+        "{}: has {} policy implant, which is not human model `{}`",
+        path.display(),
+        if has_policy { "a" } else { "no" },
+        human.name()
+    );
+    Ok(ImplantSource::File(path))
+}
+
+/// Learns what `kind` takes of this person, from rounds without communication, and writes it to `path`.
+///
+/// # Errors
+/// When that is not possible.
+pub fn learn_at_start(
+    place: &Place,
+    who: &Who,
+    kind: Kind,
+    model: &RobotModel,
+    path: &Path,
+) -> Result<()> {
+    match (place, who, model) {
+        (
+            Place::Highway(scene, _),
+            Who::Driving(Driving::Simulated(person)),
+            RobotModel::Highway(model),
+        ) => learn::at_start(scene, person, kind, model, path),
+        (Place::Gridworld(scene, _), Who::Acting(acting), RobotModel::Gridworld(model)) => {
+            let person = match acting {
+                Acting::Shipped(id) => id.to_string(),
+                Acting::File(file) => file.display().to_string(),
+            };
+            gridworld::learn::at_start(scene, &person, kind, model, path)
+        }
+        _ => bail!(
+            "there is nobody to learn human model `{}` from",
+            kind.name()
+        ),
+    }
+}
