@@ -26,6 +26,8 @@ use std::time::Instant;
 const QUICK_PEOPLE: u32 = 3;
 /// … so many imagined futures …
 const QUICK_SAMPLES: usize = 100;
+/// … so many phases of soft-Q imitation …
+const QUICK_SQIL_PHASES: usize = 8;
 /// … and so many rounds a person and condition.
 const QUICK_ROUNDS: u32 = 6;
 
@@ -97,6 +99,7 @@ fn prepared(arguments: &GridworldStudyArguments) -> Result<(Common, Arc<Discrete
         },
         seeds: u64::from(arguments.seeds),
         seed: arguments.seed,
+        sqil_phases: arguments.quick.then_some(QUICK_SQIL_PHASES),
     };
     Ok((common, model))
 }
@@ -129,7 +132,10 @@ pub fn fit(arguments: &EvaluateFitArguments) -> Result<ExitCode, Failure> {
     for line in report.lines() {
         println!("{line}");
     }
-    let note = note(shared.quick, "3 people, two numbers of rounds");
+    let note = note(
+        shared.quick,
+        "3 people, two numbers of rounds, short soft-Q imitation",
+    );
     let heading = format!("Likelihood of people in {} (`fit`)", title(common.domain));
     desk.finish(&common.name("fit"), &heading, &report.claims, |results| {
         report.section(results, desk.out, &command_line(), &note)
@@ -181,7 +187,9 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
     }
     let note = note(
         shared.quick,
-        &format!("3 people, {QUICK_ROUNDS} rounds, {QUICK_SAMPLES} imagined futures"),
+        &format!(
+            "3 people, {QUICK_ROUNDS} rounds, {QUICK_SAMPLES} imagined futures, short soft-Q imitation"
+        ),
     );
     let domain = study.common.domain;
     let heading = format!("Assistance in {} (`communicate`)", title(domain));
@@ -215,6 +223,7 @@ pub fn implants(
             },
             seeds: u64::from(arguments.seeds),
             seed: arguments.seed,
+            sqil_phases: None,
         };
         Ok((limits::Study { common, rounds }, model))
     };

@@ -96,6 +96,7 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
             rounds: &rounds,
             original: original.as_ref(),
             validation: None,
+            sqil_phases: None,
         },
         arguments.seed,
         "learning",
@@ -134,6 +135,7 @@ pub fn at_start(
         rounds: &rounds,
         original: original.as_ref(),
         validation: None,
+        sqil_phases: None,
     };
     learn_to(path, kind, model, &lessons, 0, &title).context("learning the human model")?;
     Ok(())

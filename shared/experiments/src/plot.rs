@@ -137,6 +137,14 @@ where
 {
     let text = |e: DrawingAreaErrorKind<B::ErrorType>| e.to_string();
     root.fill(&WHITE).map_err(text)?;
+    // What begins with the same word has the same colour, in every panel.
+    let word = |name: &str| name.split(' ').next().unwrap_or_default().to_owned();
+    let mut words: Vec<String> = Vec::new();
+    for (name, _) in panels.iter().flat_map(|panel| &panel.bars) {
+        if !words.contains(&word(name)) {
+            words.push(word(name));
+        }
+    }
     for (area, panel) in root
         .split_evenly(rows_and_columns(panels))
         .iter()
@@ -163,9 +171,10 @@ where
             .map_err(text)?;
         for (i, (name, interval)) in panel.bars.iter().enumerate() {
             let x = i as f64;
+            let colour = words.iter().position(|known| *known == word(name));
             let bar = Rectangle::new(
                 [(x - 0.34, 0.0), (x + 0.34, interval.mean)],
-                COLOURS[i % COLOURS.len()].filled(),
+                COLOURS[colour.unwrap_or(i) % COLOURS.len()].filled(),
             );
             chart.draw_series(std::iter::once(bar)).map_err(text)?;
             for line in whisker(x, 0.09, interval) {

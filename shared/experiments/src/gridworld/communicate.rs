@@ -4,7 +4,7 @@
 use super::Common;
 use super::communicate_report::Report;
 use super::fit::learned;
-use super::subject::{Lived, Place, rounds_of};
+use super::subject::{Lived, Place};
 use super::units::{Sheet, Unit, run as run_units};
 use domains::discrete::{Discrete, End, Setting};
 use models::Kind;
@@ -163,8 +163,8 @@ impl Unit for Piece<'_> {
             }
             Condition::Model(kind) => {
                 let lived = Lived::record(&mut place, Setting::Transfer, self.person, self.seed)?;
-                let rounds = rounds_of(self.percent);
-                let learned = learned(kind, model, &lived, self.person, self.seed, rounds)?;
+                let whose = [self.person, self.percent];
+                let learned = learned(&study.common, kind, model, &lived, whose, self.seed)?;
                 Some(learned.human(model))
             }
         };
@@ -243,6 +243,7 @@ pub fn run(
         about: serde_json::json!({
             "self_model": models::discrete::digest(&model.parameters),
             "planner": study.settings,
+            "sqil_phases": common.sqil_phases,
         }),
     };
     Ok(Report::new(study, &run_units(&sheet, &units, progress)?))

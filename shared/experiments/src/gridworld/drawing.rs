@@ -188,6 +188,17 @@ fn house<B: DrawingBackend>(area: &DrawingArea<B, Shift>, sketch: &Sketch) -> Dr
             }
         }
     }
+    if truth > middle.hypot(middle) {
+        // The whole house is truly seen.
+        let edge = [
+            (0.0, 0.0),
+            (size, 0.0),
+            (size, size),
+            (0.0, size),
+            (0.0, 0.0),
+        ];
+        line(&mut chart, edge.to_vec(), TRUE.stroke_width(3))?;
+    }
     let person = Circle::new((middle, middle), 4, BLACK.filled());
     chart.draw_series(std::iter::once(person))?;
     Ok(())

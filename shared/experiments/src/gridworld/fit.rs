@@ -86,7 +86,14 @@ impl Unit for Piece<'_> {
                 score::of_person(&person, actions, &lived.test, lived.seed, first)
             }
             Some(kind) => {
-                let learned = learned(kind, self.model, &lived, self.person, self.seed, rounds)?;
+                let learned = learned(
+                    &self.study.common,
+                    kind,
+                    self.model,
+                    &lived,
+                    [self.person, self.percent],
+                    self.seed,
+                )?;
                 match &learned {
                     Learned::Policy { policy, .. } => score::of_policy(policy, &lived.test),
                     _ => {
@@ -102,19 +109,20 @@ impl Unit for Piece<'_> {
     }
 }
 
-/// Learns a model of a person from the first `rounds` of their rounds; BC and SQIL in the transfer setting from as many of the
+/// Learns a model of a person from the first `percent` of their rounds; BC and SQIL in the transfer setting from as many of the
 /// original setting too.
 ///
 /// # Errors
 /// If there is nothing to learn from.
 pub fn learned(
+    common: &Common,
     kind: Kind,
     model: &DiscreteModel,
     lived: &Lived,
-    person: u32,
+    [person, percent]: [u32; 2],
     seed: u64,
-    rounds: usize,
 ) -> anyhow::Result<Learned> {
+    let rounds = rounds_of(percent);
     let own = lived.first(rounds);
     let original = wants_original(kind, own.setting)
         .then(|| -> anyhow::Result<_> {
@@ -127,6 +135,7 @@ pub fn learned(
         rounds: &own,
         original: original.as_ref(),
         validation: Some(&lived.validation),
+        sqil_phases: common.sqil_phases,
     };
     Ok(learn(kind, model, &lessons, seed, &mut |_, _, _| {})?)
 }
@@ -176,6 +185,7 @@ pub fn run(
             "learning": LEARNING,
             "validation": VALIDATION,
             "test": TEST,
+            "sqil_phases": common.sqil_phases,
         }),
     };
     Ok(Report::new(study, &run_units(&sheet, &units, progress)?))

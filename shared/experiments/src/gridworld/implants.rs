@@ -381,7 +381,7 @@ impl Report {
                 "two lanes, the person's car in the middle, ahead is up: learned distances filled, true ones outlined"
             }
             Domain::SearchRescue => {
-                "the house in its nine portions, for a person in its middle: portions that the learned radius reaches filled, the learned radius dashed, the true one drawn through"
+                "the house in its nine portions, for a person in its middle: portions that the learned radius reaches filled, the learned radius dashed, the true one drawn through (around the house where all of it is seen)"
             }
             Domain::BombDefusal => {
                 "learned probabilities of noticing each of the six terminals in a step as bars, the person's real one as a line"

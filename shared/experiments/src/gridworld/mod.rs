@@ -35,6 +35,8 @@ pub struct Common {
     pub seeds: u64,
     /// The first seed.
     pub seed: u64,
+    /// Most phases of soft-Q imitation, for the quick form.
+    pub sqil_phases: Option<usize>,
 }
 
 impl Common {

@@ -24,6 +24,8 @@ pub struct Lessons<'a> {
     pub original: Option<&'a Rounds>,
     /// Rounds that say when BC and SQIL have learned enough; without them, every fifth of the others does.
     pub validation: Option<&'a Rounds>,
+    /// Most phases of soft-Q imitation; as many as it takes by default.
+    pub sqil_phases: Option<usize>,
 }
 
 /// What was learned.
@@ -177,9 +179,11 @@ fn policy(
         );
         (cloned.policy, about)
     } else {
+        let default = sqil::Settings::default();
         let settings = sqil::Settings {
             seed,
-            ..sqil::Settings::default()
+            phases: lessons.sqil_phases.unwrap_or(default.phases),
+            ..default
         };
         let most = settings.phases as u64;
         let imitated = sqil::learn(places, &all, validation, &settings, &mut |phase, nll| {

@@ -33,6 +33,8 @@ pub struct Settings {
     pub batch: usize,
     /// Lived rounds that are remembered.
     pub remembered: usize,
+    /// Reward for what the person did, in units of the soft policy's temperature.
+    pub reward: f32,
     /// γ.
     pub discount: f32,
     /// Rate at which the target follows.
@@ -45,18 +47,21 @@ pub struct Settings {
     pub seed: u64,
 }
 
+/// Chosen by the likelihood of one person's validation rounds in each domain (person 2, rounds that no study uses): with a reward of 1,
+/// a discount of 0.9 and a third of the gradient steps, what was learned in search and rescue knew no more than chance.
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            learning_rate: 1e-3,
-            phases: 40,
+            learning_rate: 3e-3,
+            phases: 60,
             rounds: 4,
-            gradient_steps: 20,
+            gradient_steps: 60,
             batch: 8,
             remembered: 64,
-            discount: 0.9,
+            reward: 5.0,
+            discount: 0.8,
             target_rate: 0.05,
-            patience: 12,
+            patience: 20,
             layers: 3,
             seed: 0,
         }
@@ -117,7 +122,7 @@ pub fn learn(
             let of_person: Vec<&Round> = pick(&train, settings.batch, &mut rng);
             let own: Vec<&Round> = lived.iter().collect();
             let own = pick(&own, settings.batch, &mut rng);
-            for (rounds, reward) in [(of_person, 1.0), (own, 0.0)] {
+            for (rounds, reward) in [(of_person, settings.reward), (own, 0.0)] {
                 let batch = Perceived::new(&policy, &rounds);
                 soft_error(
                     &policy,
