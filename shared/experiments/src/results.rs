@@ -56,6 +56,14 @@ pub struct Claim {
     pub verdict: Verdict,
 }
 
+/// What was found, after the rule by which it is judged.
+pub fn ruled(rule: &str, found: &str) -> String {
+    format!(
+        "Rule: {rule}. Found: {}",
+        found.trim_end_matches([';', ',', ' '])
+    )
+}
+
 /// Claims as a table.
 pub fn claims_table(claims: &[Claim]) -> String {
     let mut text = String::from("| | claim | ours | |\n| --- | --- | --- | --- |\n");

@@ -7,7 +7,7 @@ use super::title;
 use super::units::{Done, by_person, number};
 use crate::anova::{PairedT, paired_t};
 use crate::plot::{Bars, bars};
-use crate::results::{Claim, Verdict, claims_table, link, probability, with_interval};
+use crate::results::{Claim, Verdict, claims_table, link, probability, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
 use anyhow::Context;
 use domains::discrete::Domain;
@@ -90,7 +90,7 @@ pub struct Report {
     pub conditions: Vec<Summary>,
     /// Claims.
     pub claims: Vec<Claim>,
-    /// Seconds of work on one core.
+    /// Seconds, summed over the cores.
     pub work_s: f64,
     #[serde(skip)]
     which: Domain,
@@ -215,15 +215,16 @@ impl Report {
             });
             let _ = write!(ours, "{} {word}, ", summary.condition);
         }
-        let _ = write!(
-            ours,
-            "learned from {} rounds. Rule: each gains at an adjusted 5 %",
-            rounds_of(most)
-        );
         (!parts.is_empty()).then(|| Claim {
             letter: 'b',
             claim: "every assistant that communicates beats NC".to_owned(),
-            ours,
+            ours: ruled(
+                &format!(
+                    "each, learned from {} rounds, gains reward over NC at an adjusted 5 %",
+                    rounds_of(most)
+                ),
+                &ours,
+            ),
             verdict: Verdict::of(&parts),
         })
     }
@@ -255,8 +256,10 @@ impl Report {
         Some(Claim {
             letter: 'c',
             claim: "in driving and bomb defusal MIRROR's assistance gives the best performance of the learned models, with an amount of communication close to the ideal model's".to_owned(),
-            ours: format!(
-                "reward: MIRROR {}, BC {} ({}), SQIL {} ({}); cost of communication a round: MIRROR {}, ideal {} ({ratio:.1} times). Rule: MIRROR's mean is highest; higher than BC's, and than SQIL's, at an adjusted 5 %; its cost within a factor of {CLOSE} of the ideal model's",
+            ours: ruled(
+                &format!("MIRROR's mean is highest of MIRROR, BC and SQIL; higher than BC's, and than SQIL's, at an adjusted 5 %; its cost within a factor of {CLOSE} of the ideal model's"),
+                &format!(
+                "reward: MIRROR {}, BC {} ({}), SQIL {} ({}); cost of communication a round: MIRROR {}, ideal {} ({ratio:.1} times)",
                 cell(mirror, REWARD),
                 cell(bc, REWARD),
                 p(bc),
@@ -264,7 +267,7 @@ impl Report {
                 p(sqil),
                 cell(mirror, COST),
                 cell(ideal, COST),
-            ),
+            )),
             verdict: Verdict::of(&[best, better(bc), better(sqil), close]),
         })
     }
@@ -290,8 +293,10 @@ impl Report {
         Some(Claim {
             letter: 'd',
             claim: "4 rounds suffice: performance from 20 % of the data is close to that from all of it".to_owned(),
-            ours: format!(
-                "reward of MIRROR from {} rounds {}, from {} {}{}; {:.0} % of the gain over NC (0 where there is none). Rule: at least {:.0} % of a gain, and not lower at 5 %",
+            ours: ruled(
+                &format!("MIRROR keeps at least {:.0} % of a gain over NC, and is not lower at 5 %", 100.0 * KEPT),
+                &format!(
+                "reward of MIRROR from {} rounds {}, from {} {}{}; {:.0} % of the gain over NC (0 where there is none)",
                 rounds_of(least),
                 with_interval(&few.measures[REWARD], 1.0, 2),
                 rounds_of(most),
@@ -302,8 +307,7 @@ impl Report {
                     probability(pair.p)
                 )),
                 100.0 * kept,
-                100.0 * KEPT,
-            ),
+            )),
             verdict: Verdict::of(&[keeps, keeps && !worse]),
         })
     }
@@ -323,12 +327,17 @@ impl Report {
             letter: 'e',
             claim: "in search and rescue SQIL is at most slightly better and speaks far more"
                 .to_owned(),
-            ours: format!(
-                "reward: SQIL {}, MIRROR {}; verbal items a round: SQIL {}, MIRROR {} ({times:.1} times). Rule: SQIL's mean is at most {SLIGHTLY} (two steps) higher; it says at least {FAR_MORE} times as much",
-                cell(sqil, REWARD),
-                cell(mirror, REWARD),
-                cell(sqil, VERBAL),
-                cell(mirror, VERBAL),
+            ours: ruled(
+                &format!(
+                    "SQIL's mean is at most {SLIGHTLY} (two steps) higher; it says at least {FAR_MORE} times as much"
+                ),
+                &format!(
+                    "reward: SQIL {}, MIRROR {}; verbal items a round: SQIL {}, MIRROR {} ({times:.1} times)",
+                    cell(sqil, REWARD),
+                    cell(mirror, REWARD),
+                    cell(sqil, VERBAL),
+                    cell(mirror, VERBAL),
+                ),
             ),
             verdict: Verdict::of(&[better <= SLIGHTLY, times >= FAR_MORE]),
         })
@@ -387,7 +396,7 @@ impl Report {
         let mut text = format!(
             "`{command}`: the transfer setting, {} simulated people, {} seed(s), {} rounds each under each condition; intervals over people. \
              The number behind a model is how many rounds it learned from (BC and SQIL: from as many of the original setting too). \
-             All assistants plan with {} imagined futures. {:.0} s of work on one core. {note}\n\n",
+             All assistants plan with {} imagined futures. {:.0} s, summed over the cores. {note}\n\n",
             self.people, self.seeds, self.rounds, self.samples, self.work_s,
         );
         if !self.claims.is_empty() {

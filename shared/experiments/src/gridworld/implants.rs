@@ -5,7 +5,7 @@ use super::drawing::{Sketch, draw};
 use super::subject::{LEARNING, Lived, Place};
 use super::units::{Done, Sheet, Unit, by_person, number, run as run_units};
 use super::{Common, title};
-use crate::results::{Claim, Verdict, claims_table, link, with_interval};
+use crate::results::{Claim, Verdict, claims_table, link, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
 use anyhow::Context;
 use domains::discrete::{Domain, Mind, Setting};
@@ -209,7 +209,7 @@ pub struct Report {
     pub settings: Vec<Summary>,
     /// Claims.
     pub claims: Vec<Claim>,
-    /// Seconds of work on one core.
+    /// Seconds, summed over the cores.
     pub work_s: f64,
     #[serde(skip)]
     sketches: Vec<Sketch>,
@@ -326,11 +326,10 @@ impl Report {
                 100.0 * AGREE
             ),
         };
-        let _ = write!(ours, "rule, in each setting: {rule}");
         Claim {
             letter: 'f',
             claim: "learned perceptual implants match the truth in the original and in the transfer setting, with bomb defusal's probabilities near the person's real ones".to_owned(),
-            ours,
+            ours: ruled(&format!("in each setting, {rule}"), &ours),
             verdict: Verdict::of(&parts),
         }
     }
@@ -349,7 +348,7 @@ impl Report {
     /// The study's section of RESULTS.md. `command` made it; `note` says what was special about the run.
     pub fn section(&self, results: &Path, out: &Path, command: &str, note: &str) -> String {
         let mut text = format!(
-            "`{command}`: limits of sight that MIRROR learned from {} rounds ({} to learn from at most) against the true ones, {} simulated people, {} seed(s); intervals over people. {:.0} s of work on one core. {note}\n\n",
+            "`{command}`: limits of sight that MIRROR learned from {} rounds ({} to learn from at most) against the true ones, {} simulated people, {} seed(s); intervals over people. {:.0} s, summed over the cores. {note}\n\n",
             self.rounds, LEARNING, self.people, self.seeds, self.work_s,
         );
         text.push_str(&claims_table(&self.claims));

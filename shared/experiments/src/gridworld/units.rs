@@ -43,7 +43,7 @@ pub trait Unit: Sync {
 pub struct Done {
     /// All rows, sorted by key.
     pub rows: Vec<Vec<String>>,
-    /// Seconds of work on one core, in this run and those before it.
+    /// Seconds of all pieces, summed over the cores, in this run and those before it.
     pub work_s: f64,
 }
 
