@@ -3,12 +3,21 @@
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
+/// The way from a user's own rounds to their own human model.
+const OWN_MODELS: &str = "\
+From rounds of your own to a human model of your own:
+  1. Rounds: examples/python/rounds.py turns a table of your rounds into a file of demonstrations (or: mirror demos).
+  2. Implants, bc or sqil learned from them: mirror train human --demos ROUNDS --out LEARNED
+  3. In the set: mirror up --learned LEARNED, or while it runs: mirror swap human KIND --implants LEARNED
+  4. A model of your own: implement models::HumanModel (Rust; the suite to pass: shared/models/tests/conformance.rs),
+     or start from examples/python/human_model.py and run it by --exec human=COMMAND. README: \"Your own rounds, your own model\".";
+
 /// MIRROR watches a person drive in fog and decides what to tell them, when, and how.
 ///
 /// It runs as seven processes that exchange messages through shared memory: the world, the driver (a simulated person),
 /// the robot's belief, the model of the person, the planner, the renderer and the recorder. `mirror up` starts them all.
 #[derive(Debug, Parser)]
-#[command(name = "mirror", version, max_term_width = 110)]
+#[command(name = "mirror", version, max_term_width = 110, after_help = OWN_MODELS)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
