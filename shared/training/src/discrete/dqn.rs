@@ -16,9 +16,9 @@
 //!   a rescue lies 24 steps ahead, and a training of minutes has no time to pass its value back step by step.
 //! - L_m values the expert's action a^E above every other by a margin m (Hester et al. 2018, DQfD), in every state lived, whoever
 //!   acted in it, so that the policy also learns the way back from where it strayed (Ross et al. 2011). Two actions' values often
-//!   differ by less than the network's error: without L_m, search and rescue's policy was nowhere after 110 phases, and after 400
-//!   now this, now that scenario ended between two cells of a corridor, for 11.3 a round; with it, 150 phases gave the expert's
-//!   13.5. The expert sees everything, so that what it does is a demonstration only to those who do: L_m counts where nothing was
+//!   differ by less than the network's error: without L_m, now this, now that scenario of search and rescue ended between two cells
+//!   of a corridor. Together with the cooling of the rate and sequences that end where rounds end, it gives the expert's return;
+//!   which of the three does how much was not measured. The expert sees everything, so that what it does is a demonstration only to those who do: L_m counts where nothing was
 //!   dropped, and what to do on partial sight is left to L_Q. (On the highway, SAC's loss is mixed with imitation, too.)
 //! - Where there are images, q_φ learns from L_Q and L_m beside the ELBO (as in Yarats et al. 2021, SAC+AE). What matters of bomb
 //!   defusal's image is one of six terminals, a sixth of what there is to reconstruct: z alone did not come to hold it within 2,500
