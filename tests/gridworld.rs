@@ -339,7 +339,7 @@ fn processes_change_places() {
     let name = instance("grid-swap");
     let mut command = grid.up(&name, "self", "none");
     // Quiet: nobody reads what it prints, and a full pipe would stop everybody.
-    let mut live = Live::start(command.args(["--episodes", "1000000", "--quiet"]), &name);
+    let mut live = Live::start_quietly(command.args(["--episodes", "1000000", "--quiet"]), &name);
     let implants = grid.bench.path("person").display().to_string();
     for arguments in [
         vec!["human", "mirror", "--implants", &implants],

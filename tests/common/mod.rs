@@ -169,7 +169,7 @@ impl Live {
             .spawn()
             .unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap());
-        let live = Self {
+        let mut live = Self {
             child,
             lines,
             instance: instance.to_owned(),
@@ -179,6 +179,8 @@ impl Live {
         while !status(instance).is_some_and(runs) {
             std::thread::yield_now();
         }
+        let found = nodes(&default_root(), instance).unwrap().into_iter();
+        live.processes = found.map(|node| (node.process, node.pid)).collect();
         live
     }
 
