@@ -11,6 +11,8 @@ use std::path::Path;
 use std::sync::Arc;
 use thiserror::Error;
 
+/// The domain, in a file's metadata.
+const HIGHWAY: &str = "highway";
 /// Metadata value that tells a file of demonstrations.
 pub const DEMONSTRATIONS: &str = "demonstrations";
 /// Longest round that a file may hold, in steps.
@@ -140,7 +142,7 @@ impl Demonstrations {
                 models::checkpoint::COMMAND.to_owned(),
                 self.source.to_owned(),
             ),
-            ("mirror.domain".to_owned(), "highway".to_owned()),
+            (models::discrete::DOMAIN.to_owned(), HIGHWAY.to_owned()),
             ("mirror.rounds".to_owned(), self.rounds.len().to_string()),
         ]);
         let mut extras = vec![
@@ -176,8 +178,9 @@ impl Demonstrations {
         if holds != DEMONSTRATIONS {
             return Err(bad(format!("holds {holds}, expected {DEMONSTRATIONS}")));
         }
-        if let Some(domain) = checkpoint.metadata().get(models::discrete::DOMAIN) {
-            return Err(bad(format!("rounds of {domain}, expected highway")));
+        let domain = checkpoint.metadata().get(models::discrete::DOMAIN);
+        if let Some(domain) = domain.filter(|domain| *domain != HIGHWAY) {
+            return Err(bad(format!("rounds of {domain}, expected {HIGHWAY}")));
         }
         let collided = checkpoint.u8s("collided")?;
         let lengths = checkpoint.u64s("length", collided.len())?;
