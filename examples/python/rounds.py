@@ -5,7 +5,8 @@
 The table has a line per step, rounds one after the other: `round` (any name; a new one begins a new round), `action` (number of the
 action that the person took), `reward`, `perceived` (optional: a bit per visual region that they saw, and from bit 32 on per utterance
 that they heard; only `bc` and `sqil` use it), then the visual modality as `v0`, `v1`, … and the verbal one as `w0`, `w1`, …: what
-could be sensed before the action, as `domains::discrete::Layout` orders it. Nothing but Python's own library is needed.
+could be sensed before the action, as `domains::discrete::Layout` orders it. `bc` and `sqil` have to be told besides what limits the
+person's sight: give `write_rounds` the `limits`. Nothing but Python's own library is needed.
 """
 
 import csv
@@ -14,9 +15,10 @@ import struct
 import sys
 
 
-def write_rounds(path, domain, setting, rounds, heard=0, source=""):
+def write_rounds(path, domain, setting, rounds, heard=0, limits=None, source=""):
     """`rounds`: lists of steps (action, reward, perceived, visual numbers, verbal numbers). `heard`: a bit per utterance that the
-    person hears without an assistant."""
+    person hears without an assistant. `limits`: how far they see (4 numbers in driving, 1 in search and rescue) or how likely they notice
+    each terminal (6, bomb defusal)."""
     steps = [step for round in rounds for step in round]
     columns = {
         "length": ("U64", "Q", [len(round) for round in rounds]),
@@ -26,6 +28,8 @@ def write_rounds(path, domain, setting, rounds, heard=0, source=""):
         "visual": ("F32", "f", [x for step in steps for x in step[3]]),
         "verbal": ("F32", "f", [x for step in steps for x in step[4]]),
     }
+    if limits is not None:
+        columns["limits"] = ("F32", "f", limits)
     # The widest numbers first, so that all lie where their type wants them.
     order = sorted(columns, key=lambda name: -struct.calcsize(columns[name][1]))
     header, body = {}, b""
@@ -53,21 +57,42 @@ def read_table(path):
     """The rounds of a table, as `write_rounds` wants them."""
     rounds, last = [], None
     with open(path, newline="") as file:
-        for number, line in enumerate(csv.DictReader(file), start=2):
+        table = csv.DictReader(file)
+        names = {letter: modality_columns(path, table.fieldnames or [], letter) for letter in "vw"}
+        for line in table:
             try:
-                if line["round"] != last or not rounds:
-                    rounds.append([])
-                    last = line["round"]
-                modality = lambda letter: [float(line[f"{letter}{i}"]) for i in range(sum(k[0] == letter and k[1:].isdigit() for k in line))]
-                step = int(line["action"]), float(line["reward"]), int(line.get("perceived") or 0), modality("v"), modality("w")
-                rounds[-1].append(step)
+                action = int(line["action"])
+                if not 0 <= action < 256:
+                    raise ValueError(f"action {action}")
+                visual, verbal = ([float(line[name]) for name in names[letter]] for letter in "vw")
+                step = action, float(line["reward"]), int(line.get("perceived") or 0), visual, verbal
+                name = line["round"]
             except (KeyError, TypeError, ValueError) as error:
-                sys.exit(f"{path}: line {number}: {type(error).__name__} {error}")
+                sys.exit(f"{path}: line {table.line_num}: {type(error).__name__}: {error}")
+            if name != last or not rounds:
+                rounds.append([])
+                last = name
+            rounds[-1].append(step)
+    if not rounds:
+        sys.exit(f"{path}: there is no step in it")
     return rounds
 
 
+def modality_columns(path, columns, letter):
+    """The columns `v0`, `v1`, … of a modality, none left out."""
+    found = {name for name in columns if name[:1] == letter and name[1:].isdigit()}
+    names = [f"{letter}{i}" for i in range(len(found))]
+    for name in names:
+        if name not in found:
+            sys.exit(f"{path}: line 1: there is no column {name}, though there are {len(found)} of its kind")
+    return names
+
+
 if __name__ == "__main__":
-    if len(sys.argv) != 5:
+    if len(sys.argv) != 5 or sys.argv[2] not in ("original", "transfer"):
         sys.exit("usage: rounds.py DOMAIN original|transfer ROUNDS.csv OUT.safetensors")
     _, domain, setting, table, out = sys.argv
-    write_rounds(out, domain, setting, read_table(table), source="rounds.py " + table)
+    try:
+        write_rounds(out, domain, setting, read_table(table), source="rounds.py " + table)
+    except OSError as error:
+        sys.exit(f"{error.filename}: {error.strerror}")

@@ -17,6 +17,9 @@ use std::sync::OnceLock;
 use training::discrete::Rounds;
 use training::discrete::people::{Lessons, learn, wants_original};
 
+/// Rounds that `mirror up` learns from, at least.
+const LEAST_ROUNDS: u32 = 8;
+
 /// The setting that was asked for.
 pub fn setting(asked: Asked) -> Setting {
     match asked {
@@ -109,12 +112,11 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
     Ok(ExitCode::SUCCESS)
 }
 
-/// Learns what a simulated person sees and does from rounds in this scene without communication (each scenario once) and writes it
+/// Learns what a simulated person sees and does from rounds in this scene without communication (each scenario equally often) and writes it
 /// to `path`; for `bc` and `sqil` in the transfer setting, from as many rounds of the original one too. `person`: number or file.
 ///
 /// # Errors
 /// Names the person; or the file cannot be written.
-#[allow(dead_code)] // for `mirror up`
 pub fn at_start(
     scene: &Scene,
     person: &str,
@@ -122,7 +124,8 @@ pub fn at_start(
     model: &DiscreteModel,
     path: &Path,
 ) -> Result<()> {
-    let count = inputs::world(scene)?.scenarios();
+    let scenarios = inputs::world(scene)?.scenarios();
+    let count = scenarios * LEAST_ROUNDS.div_ceil(scenarios);
     let rounds = record(scene, person, DEMONSTRATION_SEED, count)?;
     let original = wants_original(kind, scene.setting())
         .then(|| {

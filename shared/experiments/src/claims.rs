@@ -8,6 +8,7 @@
 //! ```
 
 use crate::results::{Claim, Verdict, write_section};
+use crate::table::replace;
 use anyhow::Context;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -96,7 +97,7 @@ pub fn write_overview(file: &Path) -> anyhow::Result<()> {
         let at = text.find("<!-- mirror:").unwrap_or(text.len());
         let markers = "<!-- mirror:claims begin -->\n<!-- mirror:claims end -->\n\n";
         let with = format!("{}{markers}{}", &text[..at], &text[at..]);
-        std::fs::write(file, with).with_context(|| file.display().to_string())?;
+        replace(file, &with)?;
     }
     write_section(file, "claims", "The paper's claims", &body)
 }

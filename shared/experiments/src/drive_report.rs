@@ -8,7 +8,7 @@ use crate::drive::Condition;
 use crate::plot::{Bars, bars};
 use crate::results::{Claim, claims_table, link, probability, with_interval};
 use crate::statistics::{Interval, over_people, share};
-use anyhow::Context;
+use crate::table::write_json;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -194,9 +194,7 @@ impl Report {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join("drive.json");
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
+        write_json(&out.join("drive.json"), self)?;
         let panel = |measure: Measure| {
             let (title, factor) = measure.title();
             let bar = |c: &ConditionSummary| {

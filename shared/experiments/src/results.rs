@@ -7,6 +7,7 @@
 //! ```
 
 use crate::statistics::Interval;
+use crate::table::replace;
 use anyhow::{Context, ensure};
 use std::fmt::Write;
 use std::path::{Component, Path, PathBuf};
@@ -134,10 +135,7 @@ pub fn write_section(file: &Path, study: &str, title: &str, body: &str) -> anyho
             before
         }
     };
-    // Written beside and moved: a study that is stopped here leaves the old file whole.
-    let fresh = file.with_extension("md.part");
-    std::fs::write(&fresh, text).with_context(|| fresh.display().to_string())?;
-    std::fs::rename(&fresh, file).with_context(|| file.display().to_string())
+    replace(file, &text)
 }
 
 const HEAD: &str = "# Results\n\nEach section is written by the command that it names; what stands outside the markers is not. \

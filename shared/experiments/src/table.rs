@@ -43,7 +43,7 @@ impl Table {
                 }
             }
         }
-        std::fs::write(path, kept).with_context(|| path.display().to_string())?;
+        replace(path, &kept)?;
         let file = OpenOptions::new()
             .append(true)
             .open(path)
@@ -93,7 +93,7 @@ impl Table {
                 .collect::<Vec<_>>()
         });
         let sorted = format!("{header}\n{}\n", rows.join("\n"));
-        std::fs::write(&self.path, &sorted).with_context(|| self.path.display().to_string())?;
+        replace(&self.path, &sorted)?;
         Ok(rows
             .iter()
             .map(|row| row.split(',').map(str::to_owned).collect())
@@ -121,8 +121,31 @@ pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()>
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
         Err(e) => return Err(e).with_context(|| path.display().to_string()),
     }
-    let text = format!("{about:#}\n");
-    std::fs::write(path, text).with_context(|| path.display().to_string())
+    replace(path, &format!("{about:#}\n"))
+}
+
+/// Writes beside a file and moves the whole over it: who is stopped here, or finds the disk full, leaves the old one as it was.
+///
+/// # Errors
+/// Names the file that cannot be written.
+pub(crate) fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
+    let mut fresh = path.as_os_str().to_owned();
+    fresh.push(".part");
+    let fresh = PathBuf::from(fresh);
+    let written = File::create(&fresh).and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    written.with_context(|| fresh.display().to_string())?;
+    std::fs::rename(&fresh, path).with_context(|| path.display().to_string())
+}
+
+/// Writes a report as JSON, whole or not at all.
+///
+/// # Errors
+/// Names the file that cannot be written.
+pub(crate) fn write_json(path: &Path, report: &impl serde::Serialize) -> anyhow::Result<()> {
+    replace(path, &serde_json::to_string_pretty(report)?)
 }
 
 fn key_of(line: &str, columns: usize) -> String {
@@ -144,6 +167,19 @@ mod tests {
         assert!(error.to_string().contains("s.json"), "{error}");
         std::fs::write(&path, "{\"rou").expect("written");
         ensure_same(&path, &about).expect("half a file");
+    }
+
+    /// A disk that takes nothing more loses no row that was there: `/dev/full` in the place of what is written beside.
+    #[test]
+    fn a_full_disk_leaves_the_old_table() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("t.csv");
+        let old = "a,b\n1,2\n3,4\n";
+        std::fs::write(&path, old).expect("written");
+        std::os::unix::fs::symlink("/dev/full", folder.path().join("t.csv.part")).expect("linked");
+        let error = Table::open(&path, "a,b", 1).err().expect("full");
+        assert!(error.to_string().contains("t.csv.part"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).expect("there"), old);
     }
 
     #[test]

@@ -1,9 +1,12 @@
-//! The gridworlds' learning: stopping and resuming gives the same bytes as not stopping, implants move nothing else, limits are found, and an
-//! assistant that learned from a person's rounds helps them.
+//! The gridworlds' learning: stopping and resuming gives the same bytes as not stopping, implants move nothing else, the
+//! loss of shared rounds has the gradient of its slope, policies learn more than chance, and files give back what was saved.
 
 use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, Words, World};
-use models::discrete::DiscreteModel;
+use models::discrete::{DiscreteModel, Implants, Sizes};
 use nn::Parameters;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
 use training::discrete::{Rounds, Settings, Trainer, cloning, implants, sqil};
 
 fn scene(domain: Domain, setting: Setting) -> (Scene, Words) {
@@ -218,4 +221,71 @@ fn nothing_is_learned_from_nothing() {
         &mut |_, _| {},
     );
     assert_eq!(learned.err(), Some(implants::NothingToLearn));
+}
+
+/// The importance-weighted loss's gradient is its slope, though its weights are written as constants; and with one person a round
+/// it is the plain mean of log-likelihoods.
+#[test]
+fn the_gradient_of_a_shared_round_is_its_slope() {
+    let domain = Domain::BombDefusal;
+    let (lived, _) = rounds(domain, Setting::Transfer, 3);
+    let layout = Arc::new(world(domain, Setting::Transfer).layout().clone());
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let model = DiscreteModel::new(Sizes::of(&layout), layout, &mut rng);
+    let mut own = Implants::new(&model, true, &mut rng);
+    let ids: Vec<_> = own.parameters.ids().collect();
+    for (i, id) in ids.into_iter().enumerate() {
+        let weights = own.parameters.get_mut(id).data_mut();
+        nn::noise::fill(weights, 5, i as u64);
+        weights.iter_mut().for_each(|w| *w *= 0.3);
+    }
+    let mut parameters = model.parameters.clone();
+    let attached = own.attach(&mut parameters);
+    let losses = [1, 4].map(|sharing| {
+        let settings = implants::Settings {
+            sharing,
+            least_columns: 3,
+            ..implants::Settings::default()
+        };
+        let mut shards = implants::follow(&model, &lived, &settings);
+        let shard = &mut shards[0];
+        nn::noise::fill(shard.noise.data_mut(), 7, 0);
+        nn::noise::fill(shard.chance.data_mut(), 7, 1);
+        let mut arena = nn::Arena::new();
+        let mut gradients = nn::Gradients::for_params(&parameters);
+        let mut loss = |parameters: &Parameters, gradients: Option<&mut nn::Gradients>| {
+            let mut tape = nn::Tape::new(parameters, &mut arena);
+            let loss =
+                implants::negative_log_posterior(&mut tape, &model, &attached, shard, &settings);
+            let plain = {
+                let nll = implants::negative_log_likelihood(&mut tape, &model, &attached, shard);
+                tape.scalar(nll)
+            };
+            if let Some(gradients) = gradients {
+                tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
+            }
+            (tape.scalar(loss), plain)
+        };
+        let (_, bound) = loss(&parameters, Some(&mut gradients));
+        for &id in attached.residual_ids() {
+            let step = 1e-2;
+            for place in [0, parameters.get(id).data().len() - 1] {
+                let mut at = |by: f32| {
+                    let mut moved = parameters.clone();
+                    moved.get_mut(id).data_mut()[place] += by;
+                    f64::from(loss(&moved, None).0)
+                };
+                let slope = (at(step) - at(-step)) / f64::from(2.0 * step);
+                let found = f64::from(gradients.get(id).data()[place]);
+                assert!(
+                    (slope - found).abs() < 2e-3 + 2e-2 * slope.abs(),
+                    "{sharing} people, {}[{place}]: slope {slope}, gradient {found}",
+                    parameters.name(id)
+                );
+            }
+        }
+        bound
+    });
+    // −log of a mean lies below the mean of −logs.
+    assert!(losses[1] < losses[0], "{losses:?}");
 }

@@ -50,6 +50,18 @@ fn a_table_of_rounds_becomes_demonstrations() {
             !output.status.success() && said.contains("line 2"),
             "{said}"
         );
+        // A column that is missing, and a table that is.
+        let gap = std::fs::read_to_string(&table)
+            .unwrap()
+            .replacen(",v1,", ",x1,", 1);
+        std::fs::write(&table, gap).unwrap();
+        let missing = folder.path().join("missing.csv");
+        for (table, word) in [(&table, "line 1"), (&missing, "missing.csv")] {
+            let output = run(table);
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(!output.status.success() && said.contains(word), "{said}");
+            assert!(!said.contains("Traceback"), "{said}");
+        }
     }
 }
 

@@ -216,22 +216,20 @@ pub fn run(
 ) -> anyhow::Result<Report> {
     let common = study.common;
     let mut units = Vec::new();
-    for seed in common.all_seeds() {
-        for person in 1..=common.people {
-            for &condition in &study.conditions {
-                let percents: &[u32] = match condition.learns() {
-                    true => &study.percents,
-                    false => &[0],
-                };
-                units.extend(percents.iter().map(|&percent| Piece {
-                    study,
-                    model,
-                    condition,
-                    percent,
-                    person,
-                    seed,
-                }));
-            }
+    for (seed, person) in common.everybody() {
+        for &condition in &study.conditions {
+            let percents: &[u32] = match condition.learns() {
+                true => &study.percents,
+                false => &[0],
+            };
+            units.extend(percents.iter().map(|&percent| Piece {
+                study,
+                model,
+                condition,
+                percent,
+                person,
+                seed,
+            }));
         }
     }
     let name = common.name("communicate");
@@ -240,11 +238,7 @@ pub fn run(
         name: &name,
         header: HEADER,
         key: 5,
-        about: serde_json::json!({
-            "self_model": models::discrete::digest(&model.parameters),
-            "planner": study.settings,
-            "sqil_phases": common.sqil_phases,
-        }),
+        about: common.about(model, serde_json::json!({ "planner": study.settings })),
     };
     Ok(Report::new(study, &run_units(&sheet, &units, progress)?))
 }

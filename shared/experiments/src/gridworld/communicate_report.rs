@@ -9,7 +9,7 @@ use crate::anova::{PairedT, paired_t};
 use crate::plot::{Bars, bars};
 use crate::results::{Claim, Verdict, claims_table, link, probability, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
-use anyhow::Context;
+use crate::table::write_json;
 use domains::discrete::Domain;
 use models::Kind;
 use serde::Serialize;
@@ -348,9 +348,7 @@ impl Report {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join(format!("{}.json", self.name));
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
+        write_json(&out.join(format!("{}.json", self.name)), self)?;
         let panel = |measure: usize| {
             let (_, name, factor) = MEASURES[measure];
             let bar = |s: &Summary| {

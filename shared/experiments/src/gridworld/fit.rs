@@ -8,7 +8,7 @@ use crate::anova::paired_t;
 use crate::plot::{Line, Lines, lines};
 use crate::results::{Claim, Verdict, claims_table, link, probability, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
-use anyhow::Context;
+use crate::table::write_json;
 use domains::discrete::{Discrete, Setting};
 use models::Kind;
 use models::discrete::DiscreteModel;
@@ -152,26 +152,24 @@ pub fn run(
 ) -> anyhow::Result<Report> {
     let common = study.common;
     let mut units = Vec::new();
-    for seed in common.all_seeds() {
-        for person in 1..=common.people {
-            for setting in SETTINGS {
-                let mut add = |kind, percent| {
-                    units.push(Piece {
-                        study,
-                        model,
-                        setting,
-                        kind,
-                        percent,
-                        person,
-                        seed,
-                    });
-                };
-                for kind in LEARNERS {
-                    study.percents.iter().for_each(|p| add(Some(kind), *p));
-                }
-                add(Some(Kind::Myself), 0);
-                add(None, 0);
+    for (seed, person) in common.everybody() {
+        for setting in SETTINGS {
+            let mut add = |kind, percent| {
+                units.push(Piece {
+                    study,
+                    model,
+                    setting,
+                    kind,
+                    percent,
+                    person,
+                    seed,
+                });
+            };
+            for kind in LEARNERS {
+                study.percents.iter().for_each(|p| add(Some(kind), *p));
             }
+            add(Some(Kind::Myself), 0);
+            add(None, 0);
         }
     }
     let name = common.name("fit");
@@ -180,13 +178,7 @@ pub fn run(
         name: &name,
         header: HEADER,
         key: 5,
-        about: serde_json::json!({
-            "self_model": models::discrete::digest(&model.parameters),
-            "learning": LEARNING,
-            "validation": VALIDATION,
-            "test": TEST,
-            "sqil_phases": common.sqil_phases,
-        }),
+        about: common.about(model, serde_json::Value::Null),
     };
     Ok(Report::new(study, &run_units(&sheet, &units, progress)?))
 }
@@ -325,9 +317,7 @@ impl Report {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join(format!("{}.json", self.name));
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
+        write_json(&out.join(format!("{}.json", self.name)), self)?;
         let panel = |setting: Setting| {
             let line = |model: &'static str| {
                 let learns = self.percents.iter().filter_map(|percent| {

@@ -7,7 +7,7 @@ use super::units::{Done, Sheet, Unit, by_person, number, run as run_units};
 use super::{Common, title};
 use crate::results::{Claim, Verdict, claims_table, link, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
-use anyhow::Context;
+use crate::table::write_json;
 use domains::discrete::{Domain, Mind, Setting};
 use models::discrete::{DiscreteModel, Perceiver, limits_of};
 use serde::Serialize;
@@ -150,16 +150,14 @@ pub fn run(
 ) -> anyhow::Result<Report> {
     let common = study.common;
     let mut units = Vec::new();
-    for seed in common.all_seeds() {
-        for person in 1..=common.people {
-            units.extend(SETTINGS.map(|setting| Piece {
-                study,
-                model,
-                setting,
-                person,
-                seed,
-            }));
-        }
+    for (seed, person) in common.everybody() {
+        units.extend(SETTINGS.map(|setting| Piece {
+            study,
+            model,
+            setting,
+            person,
+            seed,
+        }));
     }
     let name = common.name("implants");
     let sheet = Sheet {
@@ -167,12 +165,11 @@ pub fn run(
         name: &name,
         header: HEADER,
         key: 4,
-        about: serde_json::json!({
-            "self_model": models::discrete::digest(&model.parameters),
-            "rounds": study.rounds,
-        }),
+        about: common.about(model, serde_json::json!({ "rounds": study.rounds })),
     };
-    Ok(Report::new(study, &run_units(&sheet, &units, progress)?))
+    let perceiver = Perceiver::new(&model.layout);
+    let done = run_units(&sheet, &units, progress)?;
+    Ok(Report::new(study, &perceiver, &done))
 }
 
 /// One setting's implants.
@@ -220,14 +217,10 @@ pub struct Report {
 }
 
 impl Report {
-    fn new(study: &Study, done: &Done) -> Self {
+    fn new(study: &Study, perceiver: &Perceiver, done: &Done) -> Self {
         let common = study.common;
-        let by_chance = common.domain == Domain::BombDefusal;
-        let middle = match common.domain {
-            Domain::Driving => f64::from(domains::driving::RANGE_CELLS + 1.0) / 2.0,
-            Domain::SearchRescue => 5.5,
-            Domain::BombDefusal => 0.5,
-        };
+        let by_chance = perceiver.noise_rows() > 0;
+        let middle = f64::from(perceiver.largest()) / 2.0;
         let mut settings = Vec::new();
         let mut sketches = Vec::new();
         for setting in SETTINGS {
@@ -339,9 +332,7 @@ impl Report {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join(format!("{}.json", self.name));
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
+        write_json(&out.join(format!("{}.json", self.name)), self)?;
         draw(&self.sketches, SETTINGS.len(), &out.join(&self.name))
     }
 

@@ -14,6 +14,8 @@ pub mod subject;
 pub mod units;
 
 use domains::discrete::Domain;
+use models::discrete::DiscreteModel;
+use training::discrete as learning;
 
 /// What a domain is called in headings.
 pub const fn title(domain: Domain) -> &'static str {
@@ -43,6 +45,27 @@ impl Common {
     /// The seeds.
     pub fn all_seeds(&self) -> std::ops::Range<u64> {
         self.seed..self.seed + self.seeds
+    }
+
+    /// Everybody, once for each seed: (seed, person).
+    pub fn everybody(&self) -> impl Iterator<Item = (u64, u32)> + use<> {
+        let people = self.people;
+        self.all_seeds()
+            .flat_map(move |seed| (1..=people).map(move |person| (seed, person)))
+    }
+
+    /// What every study's rows depend on beside their keys, with what this one's do: nobody continues a study with other
+    /// settings of learning.
+    pub(crate) fn about(&self, model: &DiscreteModel, own: serde_json::Value) -> serde_json::Value {
+        serde_json::json!({
+            "self_model": models::discrete::digest(&model.parameters),
+            "rounds": [subject::LEARNING, subject::VALIDATION, subject::TEST],
+            "implants": learning::implants::Settings::default(),
+            "bc": learning::cloning::Settings::default(),
+            "sqil": learning::sqil::Settings::default(),
+            "sqil_phases": self.sqil_phases,
+            "study": own,
+        })
     }
 
     /// Whether a row of this person and seed is part of the study: a table may hold more.

@@ -4,7 +4,7 @@ use super::{Drivers, MODELS, Rule, Study, TESTED, WARM_UP, key};
 use crate::plot::{Line, Lines, lines};
 use crate::results::{link, with_interval};
 use crate::statistics::{Interval, over_people};
-use anyhow::Context;
+use crate::table::write_json;
 use models::Kind;
 use serde::Serialize;
 use std::fmt::Write;
@@ -95,9 +95,7 @@ impl Report {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
-        let path = out.join("real.json");
-        std::fs::write(&path, serde_json::to_string_pretty(self)?)
-            .with_context(|| path.display().to_string())?;
+        write_json(&out.join("real.json"), self)?;
         let panel = |title: &str, value: fn(&Point) -> Interval| Lines {
             title: title.to_owned(),
             x: "drivers learned from".to_owned(),

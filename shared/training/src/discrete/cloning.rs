@@ -7,9 +7,10 @@ use models::discrete::{ChooserSizes, RecurrentChooser};
 use nn::{Adam, Arena, Gradients, Tape, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Adam's rate.
     pub learning_rate: f32,

@@ -22,12 +22,13 @@ use models::discrete::{
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use thiserror::Error;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Adam's rate at the start; it falls to nothing, so that the noise of sampling z averages out.
     pub learning_rate: f32,

@@ -16,10 +16,11 @@ use models::{Beliefs, HumanModel, Observations};
 use nn::{Adam, Arena, Gradients, Tape, Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
 use std::sync::Arc;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Adam's rate.
     pub learning_rate: f32,
