@@ -23,7 +23,7 @@ macro_rules! table {
                 &self,
                 check: &crate::highway::file::Check<'_>,
             ) -> Result<(), crate::highway::FileError> {
-                $(check.range(concat!($key, ".", stringify!($field)), self.$field as f64, $low as f64, $high as f64)?;)*
+                $(check.range(concat!($key, ".", stringify!($field)), f64::from(self.$field), f64::from($low), f64::from($high))?;)*
                 Ok(())
             }
         }

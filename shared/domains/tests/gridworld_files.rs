@@ -81,10 +81,10 @@ fn wrong_scenes_are_named_with_their_place() {
         order,
         "some/scene.toml: traffic.farthest_cells is 2, expected 4 to 10"
     );
-    let elites = fog("elites = 100", "elites = 2000");
+    let elites = fog("elites = 20", "elites = 2000");
     assert_eq!(
         elites,
-        "some/scene.toml: planning.elites is 2000, expected 1 to 500"
+        "some/scene.toml: planning.elites is 2000, expected 1 to 100"
     );
     let domain = fog("\"driving\"", "\"sailing\"");
     assert!(

@@ -1,7 +1,7 @@
 //! The cross-entropy method over independent Bernoulli bits (paper §III-C, "Planning"; DESIGN §6).
 //!
 //! ```text
-//! ω_i ~ Π_b Bernoulli(p_b)        i = 1 … samples
+//! ω_i ~ Π_b Bernoulli(p_b)        i = 1 … candidates
 //! p_b ← α · mean over elites of ω_{i,b} + (1 − α) · p_b
 //! ```
 
@@ -16,31 +16,31 @@ pub struct Population {
     pub forbidden: Vec<bool>,
     bits: Vec<bool>,
     order: Vec<u32>,
-    samples: usize,
+    candidates: usize,
 }
 
 impl Population {
-    /// `samples` strings of `bits` bits.
-    pub fn new(samples: usize, bits: usize) -> Self {
+    /// `candidates` strings of `bits` bits.
+    pub fn new(candidates: usize, bits: usize) -> Self {
         Self {
             probability: vec![0.0; bits],
             forbidden: vec![false; bits],
-            bits: vec![false; samples * bits],
-            order: (0..samples as u32).collect(),
-            samples,
+            bits: vec![false; candidates * bits],
+            order: (0..candidates as u32).collect(),
+            candidates,
         }
     }
 
-    /// The bits of sample `i`.
-    pub fn sample(&self, i: usize) -> &[bool] {
+    /// The bits of candidate `i`.
+    pub fn candidate(&self, i: usize) -> &[bool] {
         let n = self.probability.len();
         &self.bits[i * n..(i + 1) * n]
     }
 
-    /// Draws the population anew; the first `silent` samples stay all zero, as a measure of saying nothing.
+    /// Draws the population anew; the first `silent` candidates stay all zero, as a measure of saying nothing.
     pub fn draw(&mut self, rng: &mut ChaCha8Rng, silent: usize) {
         let n = self.probability.len();
-        for i in 0..self.samples {
+        for i in 0..self.candidates {
             for b in 0..n {
                 let drawn = rng.random::<f32>() < self.probability[b];
                 self.bits[i * n + b] = drawn && i >= silent && !self.forbidden[b];
@@ -48,9 +48,9 @@ impl Population {
         }
     }
 
-    /// Moves p_b towards the elites, the samples of highest value, and returns the elites' mean value.
+    /// Moves p_b towards the elites, the candidates of highest value, and returns the elites' mean value.
     pub fn update(&mut self, values: &[f32], elites: usize, smoothing: f32) -> f32 {
-        let elites = elites.clamp(1, self.samples);
+        let elites = elites.clamp(1, self.candidates);
         // Ties and order are settled by index, so that the result depends on nothing but the values.
         self.order.sort_unstable_by(|&a, &b| {
             values[b as usize]
@@ -88,7 +88,7 @@ mod tests {
             population.draw(&mut rng, 0);
             for (i, value) in values.iter_mut().enumerate() {
                 *value = population
-                    .sample(i)
+                    .candidate(i)
                     .iter()
                     .zip(&weights)
                     .map(|(&bit, w)| if bit { *w } else { 0.0 })
@@ -108,7 +108,7 @@ mod tests {
         population.forbidden[2] = true;
         population.draw(&mut ChaCha8Rng::seed_from_u64(0), 5);
         for i in 0..50 {
-            let bits = population.sample(i);
+            let bits = population.candidate(i);
             assert!(!bits[2]);
             assert_eq!(bits[0], i >= 5);
         }

@@ -38,6 +38,7 @@ pub fn settings_of(planning: &Planning) -> Settings {
         horizon: planning.horizon as usize,
         hold: planning.repeat as usize,
         samples: planning.samples as usize,
+        futures: planning.futures as usize,
         iterations: planning.iterations as usize,
         elites: planning.elites as usize,
         smoothing: planning.smoothing as f32,
@@ -45,6 +46,7 @@ pub fn settings_of(planning: &Planning) -> Settings {
         warm_start: planning.warm_start as f32,
         discount: planning.discount as f32,
         reward_weight: planning.reward_weight as f32,
+        terminal_value: planning.terminal_value,
         visual_threshold: planning.visual_threshold as f32,
         verbal_threshold: planning.verbal_threshold as f32,
         ..Settings::default()

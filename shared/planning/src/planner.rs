@@ -23,9 +23,11 @@ pub struct Settings {
     pub hold: usize,
     /// Imagined futures.
     pub samples: usize,
+    /// How many of them each candidate for what is communicated has: its value is their mean.
+    pub futures: usize,
     /// Iterations of the cross-entropy method.
     pub iterations: usize,
-    /// Futures that the next distribution is fitted to.
+    /// Candidates that the next distribution is fitted to.
     pub elites: usize,
     /// α of the update.
     pub smoothing: f32,
@@ -47,7 +49,7 @@ pub struct Settings {
     pub verbal_threshold: f32,
     /// Add the critic's value of the last imagined state: dangers that take longer than the horizon count too.
     pub terminal_value: bool,
-    /// Samples that say nothing, for comparison.
+    /// Futures in which nothing is said, for comparison.
     pub silent: usize,
 }
 
@@ -57,6 +59,7 @@ impl Default for Settings {
             horizon: 4,
             hold: 2,
             samples: 1000,
+            futures: 1,
             iterations: 3,
             elites: 200,
             smoothing: 0.8,
@@ -90,6 +93,11 @@ impl Settings {
         self.visual_cost * azimuths as f32 + self.verbal_cost * utterances.powi(3)
     }
 
+    /// Candidates of an iteration.
+    pub fn candidates(&self) -> usize {
+        self.samples / self.futures
+    }
+
     /// A reason why these settings make no sense, if there is one.
     pub fn problem(&self) -> Option<String> {
         let unit = |x: f32| (0.0..=1.0).contains(&x);
@@ -110,10 +118,17 @@ impl Settings {
                 self.samples
             ));
         }
-        if self.elites == 0 || self.elites > self.samples {
+        if self.futures == 0 || !self.samples.is_multiple_of(self.futures) {
             return Some(format!(
-                "elites must be from 1 to samples ({}), not {}",
-                self.samples, self.elites
+                "futures must divide samples ({}), not {}",
+                self.samples, self.futures
+            ));
+        }
+        if self.elites == 0 || self.elites > self.candidates() {
+            return Some(format!(
+                "elites must be from 1 to the number of candidates, samples / futures ({}), not {}",
+                self.candidates(),
+                self.elites
             ));
         }
         if self.silent >= self.samples {
@@ -218,6 +233,7 @@ pub struct Planner<M: WorldModel = SelfModel, I: Items = Sectors> {
     groups: Vec<Imagination<M>>,
     communicated: Vec<Communicated>,
     values: Vec<f32>,
+    means: Vec<f32>,
     previous: Vec<f32>,
     planned: Option<(u32, u32)>,
 }
@@ -258,12 +274,13 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         Self {
             settings,
             items,
-            population: Population::new(settings.samples, bits),
+            population: Population::new(settings.candidates(), bits),
             groups: (0..GROUPS)
                 .map(|group| Imagination::new(model, group, rows))
                 .collect(),
             communicated: vec![Communicated::default(); rows],
             values: vec![0.0; settings.samples],
+            means: vec![0.0; settings.candidates()],
             previous: vec![settings.first_probability; bits],
             planned: None,
         }
@@ -287,12 +304,15 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
                 iteration as u64,
             ]);
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            self.population.draw(&mut rng, self.settings.silent);
+            let silent = self.settings.silent / self.settings.futures;
+            self.population.draw(&mut rng, silent);
             self.imagine(model, from, seed, people)?;
+            self.average();
             self.subtract_costs();
-            value =
-                self.population
-                    .update(&self.values, self.settings.elites, self.settings.smoothing);
+            let Settings {
+                elites, smoothing, ..
+            } = self.settings;
+            value = self.population.update(&self.means, elites, smoothing);
         }
         self.previous.copy_from_slice(&self.population.probability);
         self.planned = Some((from.episode, from.step));
@@ -353,6 +373,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
         let Settings {
+            futures,
             horizon,
             hold,
             discount,
@@ -373,7 +394,8 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             for (g, group) in self.groups.iter_mut().enumerate() {
                 let rows = group.rows();
                 for (j, bits) in self.communicated.iter_mut().enumerate() {
-                    let sample = &self.population.sample(g * rows + j)
+                    let candidate = (g * rows + j) / futures;
+                    let sample = &self.population.candidate(candidate)
                         [decision * count..(decision + 1) * count];
                     *bits = communicated(sample, visual, speaks);
                 }
@@ -401,6 +423,14 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         Ok(())
     }
 
+    /// E[Σ_t γ^t r]: the mean over a candidate's futures.
+    fn average(&mut self) {
+        let futures = self.settings.futures;
+        for (mean, values) in self.means.iter_mut().zip(self.values.chunks_exact(futures)) {
+            *mean = values.iter().sum::<f32>() / futures as f32;
+        }
+    }
+
     /// Each decision costs once, discounted to its first step.
     fn subtract_costs(&mut self) {
         let Settings {
@@ -410,8 +440,8 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             ..
         } = self.settings;
         let (visual, count) = (self.items.visual_items(), self.items.count());
-        for (i, value) in self.values.iter_mut().enumerate() {
-            let bits = self.population.sample(i);
+        for (i, value) in self.means.iter_mut().enumerate() {
+            let bits = self.population.candidate(i);
             for d in 0..horizon {
                 let decision = &bits[d * count..(d + 1) * count];
                 let told = communicated(decision, visual, true);
@@ -435,8 +465,10 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             visual_threshold,
             verbal_threshold,
             silent,
+            futures,
             ..
         } = self.settings;
+        let silent = silent / futures;
         let (mut visual, mut verbal) = (0, 0);
         let shown = self.items.visual_items();
         for b in 0..self.items.count() {
@@ -451,7 +483,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         Plan {
             communicated,
             value,
-            value_silent: self.values[..silent].iter().sum::<f32>() / silent.max(1) as f32,
+            value_silent: self.means[..silent].iter().sum::<f32>() / silent.max(1) as f32,
             cost: self.items.cost(&self.settings, communicated),
         }
     }

@@ -115,6 +115,23 @@ fn people_who_do_not_listen_are_left_in_peace() {
     );
 }
 
+/// Two in five of these people are lucky: who values a candidate by one future takes their luck for its merit.
+#[test]
+fn luck_is_not_taken_for_help() {
+    for (futures, elites, tells) in [(1, 30, true), (10, 3, false)] {
+        let mut people = Answers::listening_for(Communicated::new(0, 1 << 2));
+        people.gamble = true;
+        let settings = Settings {
+            futures,
+            elites,
+            ..settings()
+        };
+        let decision = decide(settings, &mut people, Start::default());
+        let told = decision.communicated.verbal(2);
+        assert_eq!(told, tells, "{futures} futures: {decision:?}");
+    }
+}
+
 #[test]
 fn nothing_is_said_while_an_utterance_is_running() {
     let mut people = Answers::listening_for(Communicated::new(0, 1 << 4));
@@ -286,6 +303,16 @@ fn impossible_settings_have_a_problem() {
                 ..d()
             },
             "samples",
+        ),
+        (Settings { futures: 0, ..d() }, "futures"),
+        (Settings { futures: 3, ..d() }, "futures"),
+        (
+            Settings {
+                futures: 10,
+                elites: 101,
+                ..d()
+            },
+            "elites",
         ),
         (Settings { elites: 0, ..d() }, "elites"),
         (

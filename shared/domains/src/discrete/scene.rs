@@ -69,10 +69,12 @@ table! {
         repeat: u32 = 1, 1, 100;
         /// Imagined futures.
         samples: u32 = 500, 2, 100_000;
+        /// How many of them each candidate has: its value is their mean, since a person may guess right by luck.
+        futures: u32 = 5, 1, 100_000;
         /// Iterations of the cross-entropy method.
         iterations: u32 = 6, 1, 100;
-        /// Futures that the next iteration learns from.
-        elites: u32 = 100, 1, 100_000;
+        /// Candidates that the next iteration learns from.
+        elites: u32 = 20, 1, 100_000;
         /// Share of the elites' frequencies in the next probabilities.
         smoothing: f64 = 0.8, 0.0, 1.0;
         /// Probability of every bit before the first iteration.
@@ -87,34 +89,19 @@ table! {
         discount: f64 = 0.9, 0.0, 1.0;
         /// Weight of the task reward against the communication cost; the paper's 1.
         reward_weight: f64 = 1.0, 0.0, 1e6;
+        /// Add the critic's value of the last imagined state: what the robot would get from there on by itself, which it would also
+        /// get where nobody was told anything. The paper's objective has no such term.
+        terminal_value: bool = false, false, true;
     }
 }
 
 impl Planning {
-    /// Checks every value against its range; more elites than samples are an error.
+    /// Checks every value against its range; more elites than candidates are an error.
     pub(crate) fn check_all(&self, check: &Check<'_>) -> Result<(), FileError> {
         self.check(check)?;
-        let (elites, samples) = (f64::from(self.elites), f64::from(self.samples));
-        check.range("planning.elites", elites, 1.0, samples)
-    }
-}
-
-impl From<&Planning> for crate::highway::scene::Planning {
-    fn from(planning: &Planning) -> Self {
-        Self {
-            horizon: planning.horizon,
-            repeat: planning.repeat,
-            samples: planning.samples,
-            iterations: planning.iterations,
-            elites: planning.elites,
-            smoothing: planning.smoothing,
-            first_probability: planning.first_probability,
-            warm_start: planning.warm_start,
-            visual_threshold: planning.visual_threshold,
-            verbal_threshold: planning.verbal_threshold,
-            discount: planning.discount,
-            reward_weight: planning.reward_weight,
-        }
+        let candidates = self.samples / self.futures;
+        let (elites, candidates) = (f64::from(self.elites), f64::from(candidates));
+        check.range("planning.elites", elites, 1.0, candidates)
     }
 }
 

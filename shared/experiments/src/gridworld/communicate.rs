@@ -88,7 +88,7 @@ pub struct Study {
     pub settings: Settings,
 }
 
-/// The scene's planner with `samples` imagined futures, a fifth of them elites.
+/// The scene's planner with `samples` imagined futures, a fifth of the candidates elites.
 ///
 /// # Errors
 /// If the planner cannot have so many.
@@ -96,7 +96,7 @@ pub fn settings(common: &Common, samples: usize) -> anyhow::Result<Settings> {
     let place = Place::new(common.domain, Setting::Transfer)?;
     let mut settings = settings_of(place.scene.planning());
     settings.samples = samples;
-    settings.elites = (samples / 5).max(1);
+    settings.elites = (settings.candidates() / 5).max(1);
     match settings.problem() {
         None => Ok(settings),
         Some(problem) => anyhow::bail!("{samples} imagined futures: {problem}"),

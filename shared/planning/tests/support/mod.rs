@@ -150,6 +150,8 @@ pub struct Answers {
     step: [usize; GROUPS],
     pub asked: Vec<Asked>,
     pub starts: Vec<Started>,
+    /// Whether, instead, they do nothing until then, and from then on two in five give throttle and three brake.
+    pub gamble: bool,
     /// Answers after which they fall silent.
     pub silent_after: Option<usize>,
 }
@@ -163,6 +165,7 @@ impl Answers {
             step: [0; GROUPS],
             asked: Vec::new(),
             starts: Vec::new(),
+            gamble: false,
             silent_after: None,
         }
     }
@@ -229,7 +232,14 @@ impl ImaginedPeople for Answers {
         }
         actions.resize_to(2, self.warned[group].len());
         for (j, warned) in self.warned[group].iter().enumerate() {
-            let throttle = self.known[group].unwrap_or(if *warned { 1.0 } else { -1.0 });
+            let reaction = match (self.gamble, warned) {
+                (false, true) => 1.0,
+                (false, false) => -1.0,
+                (true, false) => 0.0,
+                (true, true) if j % 5 < 2 => 1.0,
+                (true, true) => -1.0,
+            };
+            let throttle = self.known[group].unwrap_or(reaction);
             actions.column_mut(j).copy_from_slice(&[throttle, 0.0]);
         }
         Ok(())

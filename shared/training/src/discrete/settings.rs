@@ -102,8 +102,10 @@ impl Settings {
                 warming: 0.2,
                 ..driving
             },
-            // Rounds are short: three presses of an expert. More of them, and more sequences of half the length.
+            // Rounds are short: three presses of an expert. More of them, and more sequences of half the length. And more phases:
+            // the reward of a right press, imagined a step ahead, was off by 1.6 of 4 after 200, by 0.04 after these.
             Domain::BombDefusal => Self {
+                phases: 450,
                 rounds: 24,
                 slips: 0.4,
                 sequences: 64,
