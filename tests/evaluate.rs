@@ -1,4 +1,4 @@
-//! Studies of the gridworlds: killed in the middle and started again they end with the same tables; what cannot be used is refused.
+//! Studies: killed in the middle and started again they end with the same tables; what cannot be used is refused.
 
 mod common;
 
@@ -11,6 +11,9 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+
+/// Recorded traffic, where it is present.
+const RECORDED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/commonroad");
 
 /// A folder with a self-model of gridworld driving that never learned anything: what these tests ask does not depend on that.
 struct Folder(tempfile::TempDir);
@@ -55,16 +58,15 @@ fn lines(table: &Path) -> usize {
     text.lines().count()
 }
 
-/// Runs a study to its end, and another that is killed (SIGKILL) when a third of it is done and then started again.
-fn killed_and_continued(words: &[&str], table: &str) {
-    let folder = Folder::new();
+/// Runs a study, which writes into the folder it is given, to its end, and another that is killed (SIGKILL) when a third of it is
+/// done and then started again. The latter's folder.
+fn killed_and_continued(folder: &Folder, study: &dyn Fn(&Path) -> Command, table: &str) -> PathBuf {
     let (whole, cut) = (folder.path("whole"), folder.path("cut"));
-    let output = run(&mut folder.study(words, &whole));
+    let output = run(&mut study(&whole));
     assert!(output.status.success(), "{}", told(&output));
     let expected = std::fs::read(whole.join(table)).unwrap();
 
-    let mut child = folder
-        .study(words, &cut)
+    let mut child = study(&cut)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
@@ -98,7 +100,7 @@ fn killed_and_continued(words: &[&str], table: &str) {
     assert!(left > 1, "nothing was written before the end");
     assert!(left < all, "everything was written already");
 
-    let output = run(&mut folder.study(words, &cut));
+    let output = run(&mut study(&cut));
     assert!(output.status.success(), "{}", told(&output));
     assert_eq!(std::fs::read(cut.join(table)).unwrap(), expected);
     let study = table.trim_end_matches(".csv");
@@ -107,22 +109,61 @@ fn killed_and_continued(words: &[&str], table: &str) {
         assert!(path.is_file(), "{}", path.display());
     }
     let results = std::fs::read_to_string(cut.join("RESULTS.md")).unwrap();
-    assert!(results.contains("## The paper's claims"), "{results}");
     assert!(
         results.contains(&format!("mirror:{study} begin")),
         "{results}"
     );
-    // Another self-model is another study.
+    cut
+}
+
+/// The same in gridworld driving, where another self-model is another study.
+fn killed_and_continued_in_a_gridworld(words: &[&str], table: &str) {
+    let folder = Folder::new();
+    let cut = killed_and_continued(&folder, &|out| folder.study(words, out), table);
+    let results = std::fs::read_to_string(cut.join("RESULTS.md")).unwrap();
+    assert!(results.contains("## The paper's claims"), "{results}");
     folder.learn_nothing_again(2);
     let output = run(&mut folder.study(words, &cut));
     assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(error.contains(&format!("{study}.settings.json")), "{error}");
+    let settings = table.replace(".csv", ".settings.json");
+    assert!(error.contains(&settings), "{error}");
+}
+
+/// A study of the highway, with the self-model that ships.
+fn highway_study(words: &[&str], out: &Path) -> Command {
+    let mut command = mirror();
+    command.arg("evaluate").args(words).arg("--quick");
+    command.arg("--out").arg(out);
+    command
+}
+
+#[test]
+fn drive_goes_on_where_it_was_killed() {
+    let words = [
+        "drive",
+        "--people",
+        "1",
+        "--conditions",
+        "clear,silent,mirror-kl",
+    ];
+    let study = |out: &Path| highway_study(&words, out);
+    killed_and_continued(&Folder::new(), &study, "drive.csv");
+}
+
+#[test]
+fn real_goes_on_where_it_was_killed() {
+    if !Path::new(RECORDED).is_dir() {
+        eprintln!("skipped: no recorded traffic at {RECORDED}");
+        return;
+    }
+    let study = |out: &Path| highway_study(&["real", "--data", RECORDED], out);
+    killed_and_continued(&Folder::new(), &study, "real.csv");
 }
 
 #[test]
 fn fit_goes_on_where_it_was_killed() {
-    killed_and_continued(&["fit", "--fractions", "20"], "fit-driving.csv");
+    killed_and_continued_in_a_gridworld(&["fit", "--fractions", "20"], "fit-driving.csv");
 }
 
 #[test]
@@ -134,12 +175,12 @@ fn communicate_goes_on_where_it_was_killed() {
         "--conditions",
         "nc,ideal,mirror,bc",
     ];
-    killed_and_continued(&words, "communicate-driving.csv");
+    killed_and_continued_in_a_gridworld(&words, "communicate-driving.csv");
 }
 
 #[test]
 fn implants_go_on_where_they_were_killed() {
-    killed_and_continued(&["implants"], "implants-driving.csv");
+    killed_and_continued_in_a_gridworld(&["implants"], "implants-driving.csv");
 }
 
 fn refused(command: &mut Command, words: &[&str]) {

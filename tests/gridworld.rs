@@ -282,6 +282,27 @@ fn equal_seeds_give_equal_digests() {
     assert_eq!(digests[0], digests[1]);
 }
 
+/// Without a file of what was learned, the start records rounds and learns from them; short rounds of bomb defusal are more.
+#[test]
+fn human_models_are_learned_at_the_start() {
+    let grid = Grid::new("bomb_defusal", 1.0);
+    for kind in ["mirror-p", "bc"] {
+        let name = instance(&format!("grid-learned-{kind}"));
+        let file = grid.bench.path("learned.json");
+        let mut command = mirror();
+        command
+            .args(["up", "--instance", &name, "--human", kind, "--planner"])
+            .args(["none", "--episodes", "1", "--quiet", "--scene"])
+            .arg(&grid.file)
+            .arg("--self-model")
+            .arg(grid.bench.path("grid.safetensors"));
+        let output = run(command.arg("--summary").arg(&file));
+        assert!(output.status.success(), "{kind}: {}", told(&output));
+        assert_eq!(summary(&file)["human"], kind);
+        assert_nothing_left(&name);
+    }
+}
+
 #[test]
 fn the_real_time_clock_runs_to_the_end_too() {
     let grid = Grid::new("search_rescue", 20.0);

@@ -58,7 +58,7 @@ fn a_run_survives_whatever_happens_to_its_processes() {
         .arg("--summary")
         .arg(&file);
     let mut live = Live::start_quietly(&mut command, &name);
-    let mut victims = BTreeSet::new();
+    let mut victims = BTreeMap::new();
     let mut done = 0;
     while done < accidents {
         std::thread::sleep(Duration::from_millis(u64::from(rng.next_u32() % 300)));
@@ -74,7 +74,7 @@ fn a_run_survives_whatever_happens_to_its_processes() {
         let signal = [libc::SIGKILL, libc::SIGKILL, libc::SIGSTOP][rng.next_u32() as usize % 3];
         // SAFETY: signals a process of this test's set; one that has just died is not there to be signalled.
         if unsafe { libc::kill(pid, signal) } == 0 {
-            victims.insert(pid);
+            victims.insert(pid, (victim["process"].clone(), signal));
             done += 1;
         }
     }
@@ -87,7 +87,7 @@ fn a_run_survives_whatever_happens_to_its_processes() {
     assert_eq!(summary["ended_early"], serde_json::Value::Null);
     let deaths = summary["deaths"].as_array().unwrap();
     let died: Vec<_> = deaths.iter().map(|death| &death["process"]).collect();
-    assert_eq!(deaths.len(), victims.len(), "{died:?}");
+    assert_eq!(deaths.len(), victims.len(), "{died:?} of {victims:?}");
     assert_nothing_left(&name);
     let (messages, missing) = decode_parts(&recording);
     assert!(messages > 0);

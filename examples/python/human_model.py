@@ -295,6 +295,7 @@ def attend(node: Node, mind: Mind):
     beliefs = node.output("belief/human")
     if not node.ready():
         return
+    heard = None
     # A step begins with its display, the last of its inputs: until then questions start from the step before.
     while node.wait([displays, questions]):
         while questions.take():
@@ -306,6 +307,9 @@ def attend(node: Node, mind: Mind):
             continue
         display = displays.message
         episode, step = displays.position()
+        if heard is not None and (episode, step) <= heard:  # Repeated by the successor of a renderer that died.
+            continue
+        heard = (episode, step)
         deadline_ns = None if lockstep else now_ns()
         there = node.wait_step(lidar, (episode, step), deadline_ns)
         if there is False:

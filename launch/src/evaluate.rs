@@ -58,7 +58,7 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
             .iter()
             .any(|condition| condition.human().is_some());
         let model = planned
-            .then(|| inputs::self_model(arguments.self_model.as_deref()))
+            .then(|| inputs::self_model(arguments.files.self_model.as_deref()))
             .transpose()?;
         Ok((conditions, model.map(|(_, model)| Arc::new(model))))
     };
@@ -81,16 +81,20 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         study.settings.silent = 4;
     }
     let progress = OnceLock::new();
-    let report =
-        experiments::drive::run(&study, model.as_ref(), &arguments.out, &|done, total| {
+    let report = experiments::drive::run(
+        &study,
+        model.as_ref(),
+        &arguments.files.out,
+        &|done, total| {
             let progress =
                 progress.get_or_init(|| Progress::new("rounds, by effort", total as u64));
             progress.at(done as u64, "");
-        })?;
+        },
+    )?;
     if let Some(progress) = progress.get() {
         progress.finish();
     }
-    report.write(&arguments.out)?;
+    report.write(&arguments.files.out)?;
     print_drive(&report);
     let note = if arguments.quick {
         format!(
@@ -100,8 +104,8 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
     } else {
         String::new()
     };
-    let results = results_file(arguments.results.as_deref(), &arguments.out);
-    let body = report.section(&results, &arguments.out, &command_line(), &note);
+    let results = results_file(arguments.files.results.as_deref(), &arguments.files.out);
+    let body = report.section(&results, &arguments.files.out, &command_line(), &note);
     write_study(
         &results,
         "drive",
@@ -111,7 +115,7 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
     )?;
     println!(
         "{0}/drive.csv, drive.json, drive.svg, drive.png; section `drive` of {1}; {2:.0} s",
-        arguments.out.display(),
+        arguments.files.out.display(),
         results.display(),
         started.elapsed().as_secs_f64()
     );
@@ -170,8 +174,8 @@ fn print_drive(report: &Report) {
 /// `mirror evaluate implants`: what was learned of people's sight against the truth.
 fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> {
     let (_, model) =
-        inputs::self_model(arguments.self_model.as_deref()).map_err(Failure::refused)?;
-    let out: &Path = &arguments.out;
+        inputs::self_model(arguments.files.self_model.as_deref()).map_err(Failure::refused)?;
+    let out: &Path = &arguments.files.out;
     std::fs::create_dir_all(out)
         .with_context(|| out.display().to_string())
         .map_err(Failure::refused)?;

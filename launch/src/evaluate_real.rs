@@ -22,7 +22,7 @@ const QUICK_SPLITS: u32 = 2;
 pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
     let started = Instant::now();
     let (_, model) =
-        inputs::self_model(arguments.self_model.as_deref()).map_err(Failure::refused)?;
+        inputs::self_model(arguments.files.self_model.as_deref()).map_err(Failure::refused)?;
     let splits = match arguments.quick {
         true => arguments.splits.min(QUICK_SPLITS),
         false => arguments.splits,
@@ -38,7 +38,7 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
         quick: arguments.quick,
         rule: Rule::default(),
     };
-    let out: &Path = &arguments.out;
+    let out: &Path = &arguments.files.out;
     let progress = OnceLock::new();
     let report = run(&study, &Arc::new(model), out, &|done, total| {
         let progress = progress.get_or_init(|| Progress::new("models", total as u64));
@@ -53,7 +53,7 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
         true => "**Quick form**: it shows that the study runs, and no more.",
         false => "",
     };
-    let results = results_file(arguments.results.as_deref(), out);
+    let results = results_file(arguments.files.results.as_deref(), out);
     let body = report.section(&results, out, &command_line(), note);
     write_section(&results, "real", "Recorded drivers (`real`)", &body)?;
     println!(

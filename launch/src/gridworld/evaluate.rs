@@ -90,7 +90,7 @@ fn prepared(arguments: &GridworldStudyArguments) -> Result<(Common, Arc<Discrete
     let domain = arguments.domain.gridworld().ok_or_else(|| {
         anyhow!("--domain highway: this is a study of the gridworlds; the highway's is `drive`")
     })?;
-    let (_, model) = inputs::self_model(domain, arguments.self_model.as_deref())?;
+    let (_, model) = inputs::self_model(domain, arguments.files.self_model.as_deref())?;
     let common = Common {
         domain,
         people: match arguments.quick {
@@ -126,7 +126,7 @@ pub fn fit(arguments: &EvaluateFitArguments) -> Result<ExitCode, Failure> {
         percents = vec![*first, *last];
     }
     let study = fits::Study { common, percents };
-    let desk = Desk::new(&shared.out, shared.results.as_deref());
+    let desk = Desk::new(&shared.files.out, shared.files.results.as_deref());
     let report = fits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {
@@ -179,7 +179,7 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
         Ok((study, model))
     };
     let (study, model) = plan().map_err(Failure::refused)?;
-    let desk = Desk::new(&shared.out, shared.results.as_deref());
+    let desk = Desk::new(&shared.files.out, shared.files.results.as_deref());
     let report = communicate::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {
@@ -206,7 +206,7 @@ pub fn implants(
     domain: Domain,
 ) -> Result<ExitCode, Failure> {
     let plan = || -> Result<_> {
-        let (_, model) = inputs::self_model(domain, arguments.self_model.as_deref())?;
+        let (_, model) = inputs::self_model(domain, arguments.files.self_model.as_deref())?;
         let people = arguments.people.unwrap_or(10);
         ensure!(people <= 10, "--people {people}: a gridworld has 10");
         let rounds = arguments.rounds.unwrap_or(LEARNING);
@@ -228,7 +228,7 @@ pub fn implants(
         Ok((limits::Study { common, rounds }, model))
     };
     let (study, model) = plan().map_err(Failure::refused)?;
-    let desk = Desk::new(&arguments.out, arguments.results.as_deref());
+    let desk = Desk::new(&arguments.files.out, arguments.files.results.as_deref());
     let report = limits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {

@@ -5,7 +5,7 @@ use super::door::{Answer, Door, Question};
 use super::heads::Heads;
 use super::plan::Plan;
 use super::summary::Ending;
-use super::supervise::{ASK_NS, HANG_NS, Supervisor, next_border};
+use super::supervise::{ASK_NS, HANG_NS, Supervisor, last_words, next_border};
 use super::swap::{Around, Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
@@ -269,7 +269,7 @@ impl<'a> Run<'a> {
         let border = if place == RECORDER {
             (0, 0) // also what is left of the time when nobody recorded
         } else {
-            next_border(&self.heads, place)
+            last_words(&self.heads, place)
         };
         if let Some(child) = self.children.get_mut(index) {
             child.phase = Phase::Speaking;

@@ -156,8 +156,19 @@ fn pause_ns(in_a_row: u32) -> u64 {
     }
 }
 
-/// From where on a process speaks whose predecessor is gone: after its last words. A human model repeats its last belief,
-/// so that a planner that was asking begins again; a world begins a new episode.
+/// From where on a process speaks that was started again: it repeats its predecessor's last words, for a process that is killed
+/// while it sends has told some and not others. A human model's belief also has a planner that was asking begin again. A
+/// world begins a new episode.
+pub fn last_words(heads: &Heads, place: usize) -> Position {
+    match (NAMES[place], heads.newest(place)) {
+        (_, None) => (0, 0),
+        ("world", Some((episode, _))) => (episode + 1, 0),
+        (_, Some(position)) => position,
+    }
+}
+
+/// From where on a process speaks that stood by when its predecessor died: after its last words, for those who pass over
+/// positions in silence cannot go back to them.
 pub fn next_border(heads: &Heads, place: usize) -> Position {
     let newest = heads.newest(place);
     match (NAMES[place], newest) {

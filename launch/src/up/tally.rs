@@ -83,8 +83,12 @@ impl Tally {
     pub fn new(launcher: &Launcher, step_s: f64, items: ItemNames) -> Result<Self> {
         Ok(Self {
             outcome: launcher.input_with(topic::OUTCOME, InputOptions::recorder())?,
-            display: launcher.input_with(topic::DISPLAY, InputOptions::recorder())?,
-            decision: launcher.input_with(topic::COMM_ACTION, InputOptions::recorder())?,
+            display: launcher
+                .input_with(topic::DISPLAY, InputOptions::recorder())?
+                .once(),
+            decision: launcher
+                .input_with(topic::COMM_ACTION, InputOptions::recorder())?
+                .once(),
             step_s,
             items,
             episodes: Vec::new(),

@@ -149,14 +149,18 @@ fn say_nothing(node: &mut Node) -> Result<()> {
     } else {
         Receive::Newest
     };
-    let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
+    let mut robot = node
+        .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
+        .once();
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
     node.needs_no_catching_up();
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
     while node.wait(&mut [&mut robot], None)? != Wake::Stop {
-        robot.take()?;
+        if !robot.take()? {
+            continue;
+        }
         let Some(header) = robot.header() else {
             continue;
         };
@@ -176,7 +180,9 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
     } else {
         Receive::Newest
     };
-    let mut robot = node.input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?;
+    let mut robot = node
+        .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
+        .once();
     let mut human = node.input::<HumanBelief>(topic::HUMAN_BELIEF, receive)?;
     let mut driver = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;

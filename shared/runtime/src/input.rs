@@ -124,6 +124,7 @@ impl<M: Message> Connect for Inbox<M> {
 pub struct Input<M: Message> {
     topic: &'static str,
     receive: Receive,
+    once: bool,
     current: Option<Sample<Ipc, M, ()>>,
     subscriber: Rc<Inbox<M>>,
     listener: Option<Listener<Ipc>>,
@@ -171,6 +172,7 @@ impl<M: Message> Input<M> {
         Ok(Self {
             topic,
             receive: options.receive,
+            once: false,
             current: None,
             subscriber,
             listener,
@@ -187,6 +189,14 @@ impl<M: Message> Input<M> {
         let mut counters = self.shared.counters.borrow_mut();
         counters.retain(|counter| !std::rc::Rc::ptr_eq(counter, &self.counter));
         drop(counters);
+        self
+    }
+
+    /// The same input, which hears of every step once: what is not later than the message taken last repeats it, as the successor
+    /// of a dead process does with its last words, and is passed over.
+    #[must_use]
+    pub fn once(mut self) -> Self {
+        self.once = true;
         self
     }
 
@@ -207,6 +217,11 @@ impl<M: Message> Input<M> {
     pub fn take(&mut self) -> Result<bool, PortError> {
         let mut taken = false;
         while let Some(sample) = self.receive()? {
+            let header = sample.payload().header();
+            let position = header.map(|header| (header.episode, header.step));
+            if self.once && position.is_some() && position <= self.position() {
+                continue;
+            }
             self.current = Some(sample);
             taken = true;
             if self.receive == Receive::InOrder {

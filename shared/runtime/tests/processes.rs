@@ -401,6 +401,41 @@ fn a_latecomer_gets_the_last_messages() {
     assert_eq!((late.received(), late.lost()), (HISTORY as u64 + 1, 0));
 }
 
+/// The successor of a process that died while it sent repeats its last words: some heard them, some did not.
+#[test]
+fn what_a_successor_repeats_is_heard_once() {
+    let scratch = Scratch::new();
+    let launcher = launcher(&scratch, "repeated");
+    let node = node(&launcher, "repeated");
+    let (first, second) = (
+        node.output::<DriverAction>(topic::DRIVER_ACTION)
+            .expect("opens"),
+        node.output::<DriverAction>(topic::DRIVER_ACTION)
+            .expect("opens"),
+    );
+    let open = || node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder);
+    let mut inputs = [open().expect("opens"), open().expect("opens").once()];
+    for (output, episode, step) in [
+        (&first, 0, 7),
+        (&first, 0, 8),
+        (&second, 0, 8),
+        (&second, 1, 0),
+    ] {
+        output
+            .send_with(Stamp::sensed(episode, step), |_| {})
+            .expect("sends");
+    }
+    let heard = inputs.each_mut().map(|input| {
+        let mut heard = Vec::new();
+        while let Some(action) = input.next().expect("receives") {
+            heard.push((action.header.episode, action.header.step));
+        }
+        heard
+    });
+    assert_eq!(heard[0], [(0, 7), (0, 8), (0, 8), (1, 0)]);
+    assert_eq!(heard[1], [(0, 7), (0, 8), (1, 0)]);
+}
+
 #[test]
 fn a_lockstep_wait_notices_being_overtaken() {
     let scratch = Scratch::new();
