@@ -67,6 +67,8 @@ pub struct Ended {
     pub phase: Phase,
     /// How and, where that is known, why.
     pub how: String,
+    /// Whether its exit status is 0.
+    pub well: bool,
 }
 
 /// All living processes of a run. Dropped, it leaves none alive.
@@ -272,6 +274,7 @@ impl Children {
             index: ended.index,
             phase: ended.phase,
             how,
+            well: status.success(),
         })
     }
 

@@ -12,6 +12,7 @@ use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Context, Result};
 use messages::Report;
+use recorder::result::RecorderResult;
 use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
 
 const MS: u64 = 1_000_000;
@@ -93,10 +94,16 @@ impl<'a> Run<'a> {
         self.children.drain_output();
         self.tally.update()?;
         let result = self.plan.recorder_result(self.launcher.arguments());
-        if let Ok(text) = std::fs::read_to_string(&result) {
-            self.ending.recording =
-                Some(serde_json::from_str(&text).context("the recorder's result")?);
-        }
+        self.ending.recording = match std::fs::read_to_string(&result) {
+            Ok(text) => Some(serde_json::from_str(&text).context("the recorder's result")?),
+            // It died when no other was to follow; what it wrote until then is there.
+            Err(_) if self.plan.record.is_some() => Some(RecorderResult {
+                file: self.plan.record.clone(),
+                error: Some("the last recorder died before it said what it wrote".to_owned()),
+                ..RecorderResult::default()
+            }),
+            Err(_) => None,
+        };
         self.launcher.clean()?;
         let mut ending = std::mem::take(&mut self.ending);
         ending.deaths = std::mem::take(&mut self.supervisor.deaths);
@@ -205,18 +212,24 @@ impl<'a> Run<'a> {
             .children
             .living()
             .iter()
-            .filter(|child| matches!(child.phase, Phase::Speaking | Phase::StandingBy))
-            .filter(|child| now.saturating_sub(child.heard_ns) > HANG_NS)
-            .map(|child| child.index)
+            .filter_map(|child| {
+                let patience_ns = match child.phase {
+                    Phase::Speaking | Phase::StandingBy => HANG_NS,
+                    Phase::Starting => READY_NS, // busy with its models, it answers nobody
+                    Phase::Leaving => return None,
+                };
+                let is_silent = now.saturating_sub(child.heard_ns) > patience_ns;
+                is_silent.then_some((child.index, patience_ns))
+            })
             .collect();
-        for index in silent {
+        for (index, patience_ns) in silent {
             let Some(child) = self.children.get_mut(index) else {
                 continue;
             };
             if i_was_away {
                 child.heard_ns = now;
             } else if child.why.is_none() {
-                let seconds = HANG_NS as f64 * 1e-9;
+                let seconds = patience_ns as f64 * 1e-9;
                 child.why = Some(format!("it had not answered for {seconds} s"));
                 child.signal(libc::SIGKILL);
                 self.supervisor.hangs += 1;
@@ -295,6 +308,7 @@ impl<'a> Run<'a> {
             index,
             phase,
             ref how,
+            ..
         } = ended;
         let swaps_here = self.swap.as_ref().is_some_and(|swap| swap.place() == place);
         let was_new = self.swap.as_ref().and_then(Swap::new_index) == Some(index);
@@ -442,7 +456,12 @@ impl<'a> Run<'a> {
                 let ended = self.children.reap(at)?;
                 let finished = self.ending.reports[ended.place]
                     .is_some_and(|report| report.state == state::FINISHED);
-                if !finished && ended.phase == Phase::Speaking {
+                let died = match ended.phase {
+                    Phase::Speaking => !finished,
+                    Phase::Starting => !ended.well,
+                    Phase::StandingBy | Phase::Leaving => false,
+                };
+                if died {
                     self.supervisor.bury(&ended, &self.heads);
                 }
                 continue;
