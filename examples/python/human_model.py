@@ -307,7 +307,7 @@ def attend(node: Node, mind: Mind):
             continue
         display = displays.message
         episode, step = displays.position()
-        if heard is not None and (episode, step) <= heard:  # Repeated by the successor of a renderer that died.
+        if lockstep and heard is not None and (episode, step) <= heard:  # Repeated by the successor of a renderer that died.
             continue
         heard = (episode, step)
         deadline_ns = None if lockstep else now_ns()

@@ -13,7 +13,7 @@ use crate::screen::Screen;
 use anyhow::{Context, Result};
 use messages::Report;
 use recorder::result::RecorderResult;
-use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
+use runtime::{ClockMode, Launcher, LauncherWake, now_ns, state, text_of};
 
 const MS: u64 = 1_000_000;
 /// How long processes may take to read their models and make their ports.
@@ -281,8 +281,10 @@ impl<'a> Run<'a> {
         self.heads.update()?;
         let border = if place == RECORDER {
             (0, 0) // also what is left of the time when nobody recorded
-        } else {
+        } else if self.launcher.arguments().clock == ClockMode::Lockstep {
             last_words(&self.heads, place)
+        } else {
+            next_border(&self.heads, place) // nobody waits for what was missed
         };
         if let Some(child) = self.children.get_mut(index) {
             child.phase = Phase::Speaking;

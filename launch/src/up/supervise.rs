@@ -156,7 +156,7 @@ fn pause_ns(in_a_row: u32) -> u64 {
     }
 }
 
-/// From where on a process speaks that was started again: it repeats its predecessor's last words, for a process that is killed
+/// From where on a process speaks that was started again in lockstep: it repeats its predecessor's last words, for a process that is killed
 /// while it sends has told some and not others. A human model's belief also has a planner that was asking begin again. A
 /// world begins a new episode.
 pub fn last_words(heads: &Heads, place: usize) -> Position {
@@ -167,8 +167,8 @@ pub fn last_words(heads: &Heads, place: usize) -> Position {
     }
 }
 
-/// From where on a process speaks that stood by when its predecessor died: after its last words, for those who pass over
-/// positions in silence cannot go back to them.
+/// From where on a process speaks that stood by when its predecessor died, or that was started again in real time: after its
+/// last words. Those who pass over positions in silence cannot go back to them. A human model repeats its last belief, as above.
 pub fn next_border(heads: &Heads, place: usize) -> Position {
     let newest = heads.newest(place);
     match (NAMES[place], newest) {

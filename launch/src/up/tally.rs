@@ -81,14 +81,15 @@ impl Tally {
     /// # Errors
     /// When a port cannot be made.
     pub fn new(launcher: &Launcher, step_s: f64, items: ItemNames) -> Result<Self> {
+        let clock = launcher.arguments().clock;
         Ok(Self {
             outcome: launcher.input_with(topic::OUTCOME, InputOptions::recorder())?,
             display: launcher
                 .input_with(topic::DISPLAY, InputOptions::recorder())?
-                .once(),
+                .once_in(clock),
             decision: launcher
                 .input_with(topic::COMM_ACTION, InputOptions::recorder())?
-                .once(),
+                .once_in(clock),
             step_s,
             items,
             episodes: Vec::new(),

@@ -79,7 +79,9 @@ fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<
                 Receive::Newest
             },
         )?,
-        display: node.input(topic::DISPLAY, Receive::InOrder)?.once(),
+        display: node
+            .input(topic::DISPLAY, Receive::InOrder)?
+            .once_in(node.arguments().clock),
         action: node.output(topic::DRIVER_ACTION)?,
     };
     node.needs_no_catching_up();

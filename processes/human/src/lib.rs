@@ -127,7 +127,9 @@ fn attend<S: Senses>(node: &mut Node, mut person: Person<S>) -> Result<()> {
     } else {
         Receive::Newest
     };
-    let mut displays = node.input::<Display>(topic::DISPLAY, receive)?.once();
+    let mut displays = node
+        .input::<Display>(topic::DISPLAY, receive)?
+        .once_in(node.arguments().clock);
     let mut world = node.input::<S::Sensed>(S::Sensed::TOPIC, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let mut questions = node.request_server()?;

@@ -151,7 +151,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
     };
     let mut robot = node
         .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
-        .once();
+        .once_in(node.arguments().clock);
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
     node.needs_no_catching_up();
     if node.ready()? == Wake::Stop {
@@ -182,7 +182,7 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
     };
     let mut robot = node
         .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
-        .once();
+        .once_in(node.arguments().clock);
     let mut human = node.input::<HumanBelief>(topic::HUMAN_BELIEF, receive)?;
     let mut driver = node.input::<DriverAction>(topic::DRIVER_ACTION, receive)?;
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;

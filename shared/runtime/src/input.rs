@@ -1,5 +1,6 @@
 //! The receiving side of a topic: the newest message or every message, with losses counted.
 
+use crate::arguments::ClockMode;
 use crate::error::PortError;
 use crate::output::Connect;
 use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
@@ -192,11 +193,12 @@ impl<M: Message> Input<M> {
         self
     }
 
-    /// The same input, which hears of every step once: what is not later than the message taken last repeats it, as the successor
-    /// of a dead process does with its last words, and is passed over.
+    /// The same input, which in lockstep hears of every step once: what is not later than the message taken last repeats it, as
+    /// the successor of a dead process does with its last words, and is passed over. In real time a second message about a
+    /// step says something new, such as a display that shows a late decision, and is heard.
     #[must_use]
-    pub fn once(mut self) -> Self {
-        self.once = true;
+    pub fn once_in(mut self, clock: ClockMode) -> Self {
+        self.once = clock == ClockMode::Lockstep;
         self
     }
 
