@@ -68,7 +68,7 @@ pub struct UpArguments {
     pub fog: Option<f64>,
     /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
     /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning), `sqil`
-    /// (soft-Q imitation)
+    /// (soft-Q imitation); in a gridworld also `ideal`, the simulated person's own model
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub human: String,
     /// How to decide what to communicate

@@ -30,8 +30,13 @@ pub fn implants(
     who: &Who,
     model: &RobotModel,
 ) -> Result<ImplantSource> {
-    if human == Kind::Myself {
-        ensure!(given.is_none(), "--implants: human model `self` has none");
+    ensure!(
+        human != Kind::Ideal || matches!(model, RobotModel::Gridworld(_)),
+        "--human ideal: the simulated person's own model is for the gridworlds; of a driver on the highway there is none"
+    );
+    if !human.learns() {
+        let name = human.name();
+        ensure!(given.is_none(), "--implants: human model `{name}` has none");
         return Ok(ImplantSource::None);
     }
     let Some(path) = given else {

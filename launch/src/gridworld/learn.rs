@@ -67,8 +67,9 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
         let out = writable("--out", &arguments.out)?;
         let kind = human("--kind", &arguments.kind)?;
         ensure!(
-            kind != Kind::Myself,
-            "--kind self: the unchanged self-model learns nothing of a person"
+            kind.learns(),
+            "--kind {}: learns nothing of a person",
+            kind.name()
         );
         let (_, model) = inputs::self_model(domain, arguments.self_model.as_deref())?;
         let rounds = Rounds::load(&arguments.demos, &model.layout)?;

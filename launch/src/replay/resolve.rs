@@ -1,12 +1,12 @@
 //! Which models a replay asks: the recorded ones, or those that the command line names in their place.
 
-use super::setup::{IMPLANTS, SELF_MODEL};
+use super::setup::{IMPLANTS, PERSON, SELF_MODEL};
 use crate::cli::{PlannerKind, ReplayArguments};
 use crate::gridworld::inputs::shipped_self_model;
 use crate::inputs;
 use crate::place::{self, ItemNames, Place, Who};
 use anyhow::{Context, Result, anyhow, bail};
-use driver::Driving;
+use driver::{Acting, Driving};
 use models::Kind;
 use recorder::setup::{ModelFile, Setup, digest};
 use replay::Drive;
@@ -70,9 +70,6 @@ impl Resolved {
             Some(text) => inputs::human("--human", text)?,
             None => human.kind,
         };
-        if arguments.planner == Some(PlannerKind::Kl) && belief.gridworld.is_some() {
-            bail!("--planner kl: belief matching is for the highway, and {file} is of a gridworld");
-        }
         let shipped = match &belief.gridworld {
             None => inputs::pretrained().join("highway-self.safetensors"),
             Some(scene) => shipped_self_model(scene.domain()),
@@ -103,7 +100,9 @@ impl Resolved {
             ));
         }
         let implants = match (&arguments.implants, kind) {
-            (Some(_), Kind::Myself) => bail!("--implants: human model `self` has none"),
+            (Some(_), kind) if !kind.learns() => {
+                bail!("--implants: human model `{}` has none", kind.name())
+            }
             (Some(path), _) => {
                 let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
                 let now = digest(&path).context("--implants")?;
@@ -115,6 +114,12 @@ impl Resolved {
                     differences.push(format!("implants {}", path.display()));
                 }
                 Implants::Given(path)
+            }
+            (None, Kind::Ideal) => {
+                if human.person.is_none() {
+                    human.person = Some(acting(&setup, &arguments.recording)?);
+                }
+                Implants::None
             }
             (None, Kind::Myself) => Implants::None,
             (None, kind) if kind == human.kind => Implants::Attached,
@@ -170,20 +175,10 @@ impl Resolved {
             Implants::None => None,
             Implants::Given(path) => Some(path.clone()),
             Implants::Attached => {
-                let recording = drive.parts[0].file.display();
-                let known = self.setup.files.get(IMPLANTS);
-                let bytes = drive.found.attachments.get(IMPLANTS);
-                let (Some(known), Some(bytes)) = (known, bytes) else {
+                if !self.detach(IMPLANTS, drive, &path)? {
+                    let recording = drive.parts[0].file.display();
                     bail!("{recording}: has no attachment \"{IMPLANTS}\"; give --implants");
-                };
-                let now = blake3::hash(bytes).to_hex().to_string();
-                if now != known.blake3 {
-                    bail!(
-                        "{recording}: attachment \"{IMPLANTS}\" is damaged: its digest is {now}, not {}",
-                        known.blake3
-                    );
                 }
-                std::fs::write(&path, bytes).with_context(|| path.display().to_string())?;
                 Some(path)
             }
             Implants::Learn => {
@@ -191,8 +186,31 @@ impl Resolved {
                 Some(path)
             }
         };
+        let person = directory.join("person.toml");
+        if self.detach(PERSON, drive, &person)? && self.human.person.is_some() {
+            self.human.person = Some(Acting::File(person));
+        }
         self.human.load()?;
         Ok(())
+    }
+
+    /// Writes what the recording has attached under this name to `path`; false where it has nothing.
+    fn detach(&self, name: &str, drive: &Drive, path: &Path) -> Result<bool> {
+        let recording = drive.parts[0].file.display();
+        let known = self.setup.files.get(name);
+        let bytes = drive.found.attachments.get(name);
+        let (Some(known), Some(bytes)) = (known, bytes) else {
+            return Ok(false);
+        };
+        let now = blake3::hash(bytes).to_hex().to_string();
+        if now != known.blake3 {
+            bail!(
+                "{recording}: attachment \"{name}\" is damaged: its digest is {now}, not {}",
+                known.blake3
+            );
+        }
+        std::fs::write(path, bytes).with_context(|| path.display().to_string())?;
+        Ok(true)
     }
 
     /// Learns what the recorded person sees and does, as `mirror up` would have at its start.
@@ -243,6 +261,17 @@ pub fn method_name(method: planner::Method) -> &'static str {
         planner::Method::Ce => "ce",
         planner::Method::Kl => "kl",
         planner::Method::None => "none",
+    }
+}
+
+/// The simulated person of a recording, whose own model `ideal` is.
+fn acting(setup: &Setup, recording: &Path) -> Result<Acting> {
+    let driver: driver::Options = options(setup, "driver", recording)?;
+    match driver.place {
+        driver::Place::Gridworld(role) => Ok(role.person),
+        driver::Place::Highway(_) => bail!(
+            "--human ideal: the simulated person's own model is for the gridworlds; of a driver on the highway there is none"
+        ),
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::process::NAMES;
 use crate::up::plan::Plan;
 use anyhow::{Context, Result};
+use driver::Acting;
 use recorder::setup::{ModelFile, SCHEMA, Setup};
 use runtime::{ClockMode, RunArguments};
 use std::collections::BTreeMap;
@@ -11,6 +12,9 @@ use std::collections::BTreeMap;
 pub const SELF_MODEL: &str = "self-model";
 /// Name of what was learned of the person: attached, because `mirror up` learns it anew at every start.
 pub const IMPLANTS: &str = "implants";
+
+/// Name of the file of the simulated person whose own model is asked: attached, for it is the caller's.
+pub const PERSON: &str = "person";
 
 /// What to write at the head of a recording.
 ///
@@ -32,6 +36,9 @@ pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
     files.insert(SELF_MODEL.to_owned(), identify(&plan.self_model.0, false)?);
     if let Some(path) = &human.implants {
         files.insert(IMPLANTS.to_owned(), identify(path, true)?);
+    }
+    if let Some(Acting::File(path)) = &human.person {
+        files.insert(PERSON.to_owned(), identify(path, true)?);
     }
     let clock = match plan.clock {
         ClockMode::Lockstep => "lockstep",

@@ -66,7 +66,6 @@ impl Plan {
     /// Names the option, or the file and the place in it, that cannot be used.
     pub fn resolve(arguments: &UpArguments) -> Result<Self> {
         let (scene, driver) = place::scene(&arguments.scene, arguments.fog, &arguments.driver)?;
-        check_planner(arguments.planner, &scene)?;
         let settings = place::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
         let self_model = place::self_model(arguments.self_model.as_deref(), &scene.place)?;
@@ -173,7 +172,6 @@ impl Plan {
             }
             "planner" => {
                 changed.planner = inputs::planner(kind)?;
-                check_planner(changed.planner, &self.scene)?;
             }
             "driver" => changed.driver = place::who(kind, &self.scene)?,
             _ => bail!("swap {name} {kind}: there is only `same`, or another program by --exec"),
@@ -231,6 +229,10 @@ impl Plan {
                     ImplantSource::None => None,
                     ImplantSource::File(path) => Some(path.clone()),
                     ImplantSource::Learn(_) => bail!("the human model has not learned yet"),
+                },
+                person: match &self.driver.who {
+                    Who::Acting(person) if self.human == Kind::Ideal => Some(person.clone()),
+                    _ => None,
                 },
                 gridworld,
                 seed: self.seed,
@@ -330,16 +332,6 @@ impl Plan {
             setup,
         })
     }
-}
-
-/// Belief matching tries every version of what could be communicated, which only the highway has few enough of.
-fn check_planner(planner: PlannerKind, scene: &NamedScene) -> Result<()> {
-    ensure!(
-        planner != PlannerKind::Kl || scene.gridworld().is_none(),
-        "--planner kl: belief matching is for the highway, and scene {} is a gridworld",
-        scene.name
-    );
-    Ok(())
 }
 
 /// `--exec PROCESS=COMMAND`, each process at most once.

@@ -2,10 +2,9 @@
 
 use crate::person::Person;
 use anyhow::Result;
-use domains::discrete::{Discrete, Mask, Mind, Scene, SimulatedPerson, World};
+use domains::discrete::{Acting, Discrete, Mask, Mind, Scene, SimulatedPerson, World};
 use messages::{Display, DriverAction, Observation};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
 
 /// A place in a gridworld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,16 +16,6 @@ pub struct Role {
     pub person: Acting,
 }
 
-/// Who acts.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-pub enum Acting {
-    /// One of the simulated people that ship, from 1 on.
-    Shipped(u32),
-    /// The simulated person of a file.
-    File(PathBuf),
-}
-
 impl Role {
     /// The simulated person.
     ///
@@ -34,10 +23,7 @@ impl Role {
     /// Names the person that there is not, or the file and the place in it.
     pub fn simulated(&self) -> Result<SimulatedPerson> {
         let words = models::words::shipped(self.scene.domain())?;
-        Ok(match &self.person {
-            Acting::Shipped(id) => SimulatedPerson::builtin(&self.scene, *id, &words)?,
-            Acting::File(file) => SimulatedPerson::load(&self.scene, file, &words)?,
-        })
+        Ok(SimulatedPerson::of(&self.scene, &self.person, &words)?)
     }
 }
 

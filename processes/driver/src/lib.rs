@@ -7,7 +7,8 @@ mod gridworld;
 mod highway;
 mod person;
 
-pub use gridworld::{Acting, Role};
+pub use domains::discrete::Acting;
+pub use gridworld::Role;
 pub use highway::{Driving, Seat};
 
 use anyhow::{Result, ensure};

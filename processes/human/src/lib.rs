@@ -8,9 +8,10 @@ pub use person::{GROUPS, Person};
 pub use senses::{GridSenses, Senses};
 
 use anyhow::{Result, bail, ensure};
-use domains::discrete::Scene;
+use domains::discrete::{Acting, Scene, SimulatedPerson};
 use messages::{Display, DriverAction, HumanBelief, Sensed, topic};
-use models::discrete::DiscreteModel;
+use models::discrete::human_file::HumanError;
+use models::discrete::{DiscreteModel, IdealHuman};
 use models::utterances::UtteranceTable;
 use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
@@ -29,6 +30,9 @@ pub struct Options {
     /// The file of what was learned of the person: implants, or the policy of `bc` and `sqil`.
     #[serde(default)]
     pub implants: Option<PathBuf>,
+    /// The simulated person whose own model `ideal` is.
+    #[serde(default)]
+    pub person: Option<Acting>,
     /// The gridworld's scene; none on the highway.
     #[serde(default)]
     pub gridworld: Option<Scene>,
@@ -45,12 +49,22 @@ impl Options {
     pub fn load(&self) -> Result<Box<dyn HumanModel>> {
         if let Some(scene) = &self.gridworld {
             let layout = models::words::layout_of(scene)?;
+            if self.kind == Kind::Ideal {
+                let person = self.person.as_ref().ok_or(HumanError::Nobody)?;
+                let words = models::words::shipped(scene.domain())?;
+                let person = SimulatedPerson::of(scene, person, &words)?;
+                return Ok(Box::new(IdealHuman::new(person, layout.actions)));
+            }
             let model = Arc::new(DiscreteModel::load(&self.model, layout)?);
             let file = self.implants.as_deref();
             return Ok(models::discrete::human_file::load_human(
                 file, self.kind, &model,
             )?);
         }
+        ensure!(
+            self.kind != Kind::Ideal,
+            "human model `ideal` is for the gridworlds: of a driver on the highway there is none"
+        );
         if !self.kind.is_self_model() {
             let Some(path) = &self.implants else {
                 bail!(

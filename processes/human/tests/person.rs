@@ -1,5 +1,6 @@
 //! What the human process keeps of a person: belief, prediction and the groups of imagined people.
 
+use domains::discrete::{Acting, Scene};
 use human::{GROUPS, Options, Person};
 use messages::{
     Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP,
@@ -277,6 +278,7 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
             kind,
             model: path("self"),
             implants: implants.map(path),
+            person: None,
             gridworld: None,
             seed: 1,
         };
@@ -299,8 +301,34 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
         (Kind::MirrorP, Some("both"), "both"),
         (Kind::Mirror, Some("absent"), "absent"),
         (Kind::Mirror, Some("self"), "self"),
+        (Kind::Ideal, None, "for the gridworlds"),
     ] {
         let error = load(kind, implants).expect_err("refused");
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+#[test]
+fn the_ideal_model_is_that_of_a_named_person() {
+    let ideal = |person| Options {
+        kind: Kind::Ideal,
+        model: "the ideal model needs no self-model".into(),
+        implants: None,
+        person,
+        gridworld: Scene::builtin("bomb").ok(),
+        seed: 1,
+    };
+    let load = |person| ideal(person).load().map_err(|error| format!("{error:#}"));
+    assert_eq!(
+        load(Some(Acting::Shipped(10))).map(|model| model.kind()),
+        Ok("ideal")
+    );
+    for (person, word) in [
+        (Some(Acting::Shipped(11)), "11"),
+        (Some(Acting::File("absent.toml".into())), "absent.toml"),
+        (None, "whose it is"),
+    ] {
+        let error = load(person).err().expect("refused");
         assert!(error.contains(word), "{error}");
     }
 }

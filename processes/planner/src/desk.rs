@@ -47,7 +47,9 @@ impl Desk {
     /// A gridworld's planner.
     pub fn gridworld(options: &Options, model: Arc<DiscreteModel>) -> Self {
         let layout = Arc::clone(&model.layout);
-        let planner = DiscretePlanner::with_items(options.settings, &*model, Arc::clone(&layout));
+        let method = options.method.chooser();
+        let items = Arc::clone(&layout);
+        let planner = DiscretePlanner::with_items(method, options.settings, &*model, items);
         let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
         let planner = Planning::Gridworld(model, planner);
         Self::new(options, planner, latent, actions, &layout)
@@ -126,23 +128,16 @@ impl Desk {
             episode: belief.header.episode,
             step: belief.header.step,
         };
+        let probability = self.probability.iter_mut().enumerate();
         match &mut self.planner {
-            Planning::Highway(model, chooser) => {
+            Planning::Highway(model, planner) => {
                 let from = from.knowing(acted.map(|acted| [acted.throttle, acted.steer]));
-                let decision = chooser.plan(model, from, people)?;
-                self.probability.copy_from_slice(&decision.probability);
-                self.plan = Plan {
-                    communicated: decision.communicated,
-                    value: decision.value,
-                    value_silent: decision.value_silent,
-                    cost: decision.cost,
-                };
+                self.plan = planner.search(model, &from, people)?;
+                probability.for_each(|(item, p)| *p = planner.probability(item));
             }
             Planning::Gridworld(model, planner) => {
                 self.plan = planner.search(model, &from, people)?;
-                for (item, probability) in self.probability.iter_mut().enumerate() {
-                    *probability = planner.probability(item);
-                }
+                probability.for_each(|(item, p)| *p = planner.probability(item));
             }
         }
         Ok(())

@@ -82,9 +82,6 @@ impl Options {
         if let Some(problem) = self.settings.problem() {
             bail!("planner settings: {problem}");
         }
-        if self.gridworld.is_some() && self.method == Method::Kl {
-            bail!("planner options: `kl` is for the highway");
-        }
         if !(self.step_s > 0.0 && self.step_s.is_finite()) {
             bail!(
                 "planner options: step_s must be positive, not {}",

@@ -26,6 +26,9 @@ pub fn human_model(
                 Some(learned.implants),
             )))
         }
+        Kind::Ideal => {
+            anyhow::bail!("human model `ideal`: of a driver on the highway there is none")
+        }
         Kind::Bc | Kind::Sqil => {
             let learned = policies::learn(kind, demonstrations, expert, 0, &|_, _, _| {})?;
             Ok(Box::new(RecurrentHuman::new(

@@ -24,16 +24,19 @@ pub enum Kind {
     Bc,
     /// Soft-Q imitation: the same policy, learned by reinforcement.
     Sqil,
+    /// The simulated person's own model, in the gridworlds: what nobody has of a real person.
+    Ideal,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Mirror,
         Self::MirrorP,
         Self::Myself,
         Self::Bc,
         Self::Sqil,
+        Self::Ideal,
     ];
 
     /// The name on the command line and in messages.
@@ -44,7 +47,13 @@ impl Kind {
             Self::Myself => "self",
             Self::Bc => "bc",
             Self::Sqil => "sqil",
+            Self::Ideal => "ideal",
         }
+    }
+
+    /// Whether it learns from a person's rounds, and so has a file.
+    pub const fn learns(self) -> bool {
+        !matches!(self, Self::Myself | Self::Ideal)
     }
 
     /// Whether this is the self-model, with or without implants, rather than a policy of its own ([`crate::recurrent`]).

@@ -1,7 +1,8 @@
-//! What forward imagination needs of the robot's self-model (paper §III-C, steps 2 and 3), whichever domain it is of.
+//! What planning needs of the robot's self-model, whichever domain it is of: forward imagination (paper §III-C, steps 2 and 3),
+//! and what the robot would believe of what it imagines.
 
-use crate::observation::Shape;
-use crate::self_model::{Decoder, Dynamics, SelfModel};
+use crate::observation::{AZIMUTHS, Encoded, Observations, SECTORS, Shape};
+use crate::self_model::{Decoder, Dynamics, Filter, SelfModel};
 use nn::Tensor;
 
 /// A latent model that can be run forward. Parameters are shared; scratch memory belongs to the caller, so that a step
@@ -33,6 +34,17 @@ pub trait WorldModel {
 
     /// What is expected of the future after `actions` in `z`, `1 × batch`.
     fn value(&self, scratch: &mut Self::Scratch, z: &Tensor, actions: &Tensor, out: &mut Tensor);
+
+    /// q_φ(z_t | z_{t−1}, a_{t−1}, x_t) of one robot that senses all of `observed`: `mean` and `deviation` of z_t, each
+    /// `latent × 1`. `mean` holds that of z_{t−1} before.
+    fn believe(
+        &self,
+        scratch: &mut Self::Scratch,
+        action: &Tensor,
+        observed: &Observations,
+        mean: &mut Tensor,
+        deviation: &mut Tensor,
+    );
 }
 
 /// Memory for imagining with a [`SelfModel`].
@@ -40,6 +52,8 @@ pub struct SelfModelScratch {
     dynamics: Dynamics,
     decoder: Decoder,
     spare: Tensor,
+    encoded: Encoded,
+    filter: Filter,
 }
 
 impl WorldModel for SelfModel {
@@ -50,6 +64,8 @@ impl WorldModel for SelfModel {
             dynamics: Dynamics::new(self.sizes.latent),
             decoder: Decoder::default(),
             spare: Tensor::default(),
+            encoded: Encoded::new(self.sizes.shape, 1),
+            filter: Filter::new(self.sizes.latent, 1),
         }
     }
 
@@ -79,5 +95,24 @@ impl WorldModel for SelfModel {
 
     fn value(&self, s: &mut SelfModelScratch, z: &Tensor, actions: &Tensor, out: &mut Tensor) {
         s.decoder.value(self, z, actions, out, &mut s.spare);
+    }
+
+    fn believe(
+        &self,
+        s: &mut SelfModelScratch,
+        action: &Tensor,
+        observed: &Observations,
+        mean: &mut Tensor,
+        deviation: &mut Tensor,
+    ) {
+        let (visual, verbal) = (observed.visual.column(0), observed.verbal.column(0));
+        // On the highway the robot has its LIDAR, and nobody talks to it.
+        s.encoded
+            .set(0, visual, verbal, &[1.0; AZIMUTHS], &[0.0; SECTORS]);
+        s.filter.mean.copy_from(mean);
+        s.filter.fresh = false;
+        s.filter.update(self, action, &s.encoded);
+        mean.copy_from(&s.filter.mean);
+        deviation.copy_from(&s.filter.deviation);
     }
 }

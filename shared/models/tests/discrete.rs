@@ -7,8 +7,8 @@ use domains::discrete::{
 };
 use models::discrete::human_file::{load_human, load_policy, save_policy};
 use models::discrete::{
-    ChooserSizes, DiscreteHuman, DiscreteModel, Implants, Perceiver, RecurrentChooser,
-    RecurrentHuman, Sizes,
+    ChooserSizes, DiscreteHuman, DiscreteModel, IdealHuman, Implants, Perceiver, RecurrentChooser,
+    RecurrentHuman, Sizes, limits_of,
 };
 use models::policy::largest;
 use models::{Beliefs, Communicated, HumanModel, Kind, Observations, WorldModel};
@@ -19,7 +19,7 @@ use std::sync::Arc;
 use support::allocations;
 
 /// The kinds, by name.
-const KINDS: [&str; 5] = ["mirror", "mirror-p", "self", "bc", "sqil"];
+const KINDS: [&str; 6] = ["mirror", "mirror-p", "self", "bc", "sqil", "ideal"];
 
 fn scene(domain: Domain) -> (Scene, Words) {
     let scene = Scene::of(domain, Setting::Transfer);
@@ -45,6 +45,9 @@ fn self_model(domain: Domain) -> DiscreteModel {
 /// A model of this kind with random weights, the same each time.
 fn human(kind: &'static str, domain: Domain) -> Box<dyn HumanModel> {
     let mut rng = ChaCha8Rng::seed_from_u64(31);
+    if kind == "ideal" {
+        return Box::new(ideal(domain).1);
+    }
     if kind == "bc" || kind == "sqil" {
         let (scene, words) = scene(domain);
         let person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
@@ -69,6 +72,14 @@ fn human(kind: &'static str, domain: Domain) -> Box<dyn HumanModel> {
         implants
     });
     Box::new(DiscreteHuman::new(Arc::new(model), implants, 0))
+}
+
+/// A person and their own model.
+fn ideal(domain: Domain) -> (SimulatedPerson, IdealHuman) {
+    let (scene, words) = scene(domain);
+    let person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
+    let human = IdealHuman::new(person.clone(), layout(domain).actions);
+    (person, human)
 }
 
 fn every_kind(check: impl Fn(&mut dyn HumanModel, Domain)) {
@@ -354,6 +365,112 @@ fn a_new_episode_forgets_the_last_and_nothing_allocates_after_the_first() {
     });
 }
 
+/// What chance does not decide, the ideal model believes as the person does, in every step of their rounds.
+#[test]
+fn the_ideal_model_follows_the_person() {
+    for domain in [Domain::Driving, Domain::SearchRescue] {
+        let (mut person, mut model) = ideal(domain);
+        let mut world = world(domain);
+        let layout = world.layout().clone();
+        let shape = self_model(domain).shape();
+        let mut observations = Observations::new(&shape, 1);
+        let mut beliefs = Beliefs::new(model.latent(), 1);
+        let mut noise = Tensor::new(model.noise_rows(), 1);
+        let mut rng = ChaCha8Rng::seed_from_u64(12);
+        let (mut moments, mut known) = (0, 0);
+        for episode in 0..12 {
+            world.reset(8, episode, episode);
+            person.reset(8, episode);
+            beliefs.reset();
+            let mut actions = Tensor::new(layout.actions, 1);
+            while world.end().is_running() {
+                let Observations { visual, verbal } = &mut observations;
+                world.observe(visual.column_mut(0), verbal.column_mut(0));
+                let all = layout.communicable;
+                let told = Mask {
+                    visual: all.visual & rng.random::<u32>() & rng.random::<u32>(),
+                    verbal: all.verbal & rng.random::<u32>() & rng.random::<u32>(),
+                };
+                let seen = person.look(visual.column(0));
+                person.perceive(visual.column(0), verbal.column(0), seen | told);
+                nn::noise::fill(noise.data_mut(), rng.random(), 1);
+                let chance = Some(noise.data());
+                model.perceive(
+                    &mut beliefs,
+                    &actions,
+                    &observations,
+                    &[told.into()],
+                    chance,
+                );
+                let mut memory = vec![0.0; person.memory_len()];
+                person.write_memory(&mut memory);
+                let mut believed = beliefs.z.column(0)[..memory.len()].to_vec();
+                if domain == Domain::SearchRescue {
+                    // Where a searcher is heading, and so came from, is in their head.
+                    for chance in [2, 3] {
+                        (memory[chance], believed[chance]) = (0.0, 0.0);
+                    }
+                }
+                assert_eq!(believed, memory, "{domain:?}, round {episode}");
+                known += usize::from(memory.iter().any(|x| *x != 0.0));
+                moments += 1;
+                let action = person.act();
+                actions.fill(0.0);
+                actions.column_mut(0)[action] = 1.0;
+                world.step(action);
+            }
+        }
+        assert!(moments > 60 && known > 30, "{domain:?}: {moments} {known}");
+    }
+}
+
+/// What the person neither sees nor is told may be anything to their own model, too.
+#[test]
+fn the_ideal_model_reads_no_more_than_the_person() {
+    for domain in [Domain::Driving, Domain::SearchRescue] {
+        let (person, mut model) = ideal(domain);
+        let layout = layout(domain);
+        let (perceiver, limits) = (
+            Perceiver::new(&layout),
+            limits_of(&person.sight().perception),
+        );
+        let original = steps(&model, domain, 4, 5, 6);
+        let mut changed = steps(&model, domain, 4, 5, 6);
+        let mut hidden = 0;
+        for step in &mut changed {
+            for j in 0..4 {
+                let told = Mask::from(step.communicated[j]);
+                let visual = step.observations.visual.column_mut(j);
+                let seen = told.visual | perceiver.seen(&limits, visual, None);
+                let mask = Mask {
+                    visual: seen,
+                    ..told
+                };
+                for (i, x) in visual.iter_mut().enumerate() {
+                    if !layout.is_seen(i, mask) {
+                        // Driving's distances are themselves read from what is hidden: stay beyond the limit.
+                        *x = if domain == Domain::Driving {
+                            x.signum()
+                        } else {
+                            f32::NAN
+                        };
+                        hidden += 1;
+                    }
+                }
+                let verbal = step.observations.verbal.column_mut(j).iter_mut();
+                for (x, utterance) in verbal.zip(&layout.verbal_utterance) {
+                    if !mask.hears((*utterance).into()) {
+                        *x = f32::NAN;
+                        hidden += 1;
+                    }
+                }
+            }
+        }
+        assert!(hidden > 100);
+        assert_eq!(follow(&mut model, &original), follow(&mut model, &changed));
+    }
+}
+
 /// The limits mean to our models what they mean to the domain's people.
 #[test]
 fn perception_is_the_domains_own() {
@@ -496,9 +613,14 @@ fn learned_people_are_read_as_what_they_are() {
         }
         for kind in Kind::ALL {
             let file = path(kind.name());
-            let file = (kind != Kind::Myself).then_some(file.as_path());
-            assert_eq!(load_human(file, kind, &model).unwrap().kind(), kind.name());
-            for other in Kind::ALL.into_iter().filter(|other| *other != kind) {
+            let file = kind.learns().then_some(file.as_path());
+            match load_human(file, kind, &model) {
+                Ok(human) => assert_eq!(human.kind(), kind.name()),
+                // Made of the person, not of a file.
+                Err(error) => assert_eq!(kind, Kind::Ideal, "{error}"),
+            }
+            let others = Kind::ALL.into_iter().filter(|other| *other != kind);
+            for other in others.filter(|other| file.is_some() || other.learns()) {
                 let error = match load_human(file, other, &model) {
                     Err(error) => error.to_string(),
                     Ok(_) => panic!("{file:?} was read as {other:?}"),

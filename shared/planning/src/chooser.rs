@@ -1,9 +1,10 @@
 //! The ways of deciding what to communicate, behind one call.
 
+use crate::items::{Items, Sectors};
 use crate::matching::Matcher;
 use crate::people::{ImaginedPeople, PeopleError};
-use crate::planner::{Decision, From, Planner, Settings};
-use models::SelfModel;
+use crate::planner::{BITS, Decision, From, Plan, Planner, Settings};
+use models::{SelfModel, WorldModel};
 
 /// How to decide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,28 +16,25 @@ pub enum Method {
     Kl,
 }
 
-/// A planner of either method.
+/// A planner of either method, in any domain.
 #[expect(
     clippy::large_enum_variant,
     reason = "there is one, and it lives as long as the run"
 )]
-pub enum Chooser {
+pub enum Chooser<M: WorldModel = SelfModel, I: Items = Sectors> {
     /// See [`Method::Ce`].
-    Ce(Planner),
+    Ce(Planner<M, I>),
     /// See [`Method::Kl`].
-    Kl(Matcher),
+    Kl(Matcher<M, I>),
 }
 
 impl Chooser {
-    /// A planner that has planned nothing yet. Settings must have no [`Settings::problem`].
+    /// A planner for the highway that has planned nothing yet. Settings must have no [`Settings::problem`].
     pub fn new(method: Method, settings: Settings, model: &SelfModel) -> Self {
-        match method {
-            Method::Ce => Self::Ce(Planner::new(settings, model)),
-            Method::Kl => Self::Kl(Matcher::new(settings, model)),
-        }
+        Self::with_items(method, settings, model, Sectors)
     }
 
-    /// Decides what to communicate at step k + 1.
+    /// Decides what to communicate on the highway at step k + 1.
     ///
     /// # Errors
     /// What the people answer.
@@ -46,9 +44,45 @@ impl Chooser {
         from: From,
         people: &mut dyn ImaginedPeople,
     ) -> Result<Decision, PeopleError> {
+        let plan = self.search(model, &from, people)?;
+        let mut probability = [0.0; BITS];
+        for (b, probability) in probability.iter_mut().enumerate() {
+            *probability = self.probability(b);
+        }
+        Ok(Decision::of(plan, probability))
+    }
+}
+
+impl<M: WorldModel, I: Items> Chooser<M, I> {
+    /// A planner for this world model and these items. Settings must have no [`Settings::problem`].
+    pub fn with_items(method: Method, settings: Settings, model: &M, items: I) -> Self {
+        match method {
+            Method::Ce => Self::Ce(Planner::with_items(settings, model, items)),
+            Method::Kl => Self::Kl(Matcher::with_items(settings, model, items)),
+        }
+    }
+
+    /// Decides what to communicate at step k + 1.
+    ///
+    /// # Errors
+    /// What the people answer.
+    pub fn search<A: AsRef<[f32]>>(
+        &mut self,
+        model: &M,
+        from: &From<A>,
+        people: &mut dyn ImaginedPeople,
+    ) -> Result<Plan, PeopleError> {
         match self {
-            Self::Ce(planner) => planner.plan(model, from, people),
-            Self::Kl(matcher) => matcher.plan(model, from, people),
+            Self::Ce(planner) => planner.search(model, from, people),
+            Self::Kl(matcher) => matcher.search(model, from, people),
+        }
+    }
+
+    /// Probability of an item in the last plan's first decision: visual items, then verbal ones.
+    pub fn probability(&self, item: usize) -> f32 {
+        match self {
+            Self::Ce(planner) => planner.probability(item),
+            Self::Kl(matcher) => matcher.probability(item),
         }
     }
 }

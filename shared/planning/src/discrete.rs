@@ -1,8 +1,9 @@
 //! The assistant of a gridworld in one process: belief, human model and planner in the order in which a step needs them.
 
+use crate::chooser::{Chooser, Method};
 use crate::items::Items;
 use crate::people::{ImaginedPeople, LocalPeople, PeopleError};
-use crate::planner::{From, GROUPS, Plan, Planner, Settings};
+use crate::planner::{From, GROUPS, Plan, Settings};
 use domains::discrete::{Layout, Mask, Planning};
 use models::discrete::{DiscreteFilter, DiscreteModel};
 use models::human::following;
@@ -23,6 +24,11 @@ impl Items for Arc<Layout> {
 
     fn possible(&self) -> Communicated {
         self.communicable.into()
+    }
+
+    /// All of them: a step of a gridworld is long.
+    fn spoken_at_once(&self) -> u32 {
+        self.utterances as u32
     }
 
     /// The domain's costs, quadratic in the number of items of each modality (paper, Table "Communication Modalities and
@@ -54,7 +60,7 @@ pub fn settings_of(planning: &Planning) -> Settings {
 }
 
 /// The planner of a gridworld.
-pub type DiscretePlanner = Planner<DiscreteModel, Arc<Layout>>;
+pub type DiscretePlanner = Chooser<DiscreteModel, Arc<Layout>>;
 
 /// A robot's self-model, a human model and a planner.
 pub struct DiscreteAssistant {
@@ -75,11 +81,21 @@ pub struct DiscreteAssistant {
 impl DiscreteAssistant {
     /// An assistant that observed nothing yet. Settings must have no [`Settings::problem`].
     pub fn new(model: Arc<DiscreteModel>, human: Box<dyn HumanModel>, settings: Settings) -> Self {
+        Self::with_method(model, human, settings, Method::Ce)
+    }
+
+    /// As [`Self::new`], deciding by `method`.
+    pub fn with_method(
+        model: Arc<DiscreteModel>,
+        human: Box<dyn HumanModel>,
+        settings: Settings,
+        method: Method,
+    ) -> Self {
         let shape = model.sizes.shape;
         let rows = settings.samples / GROUPS;
         let layout = Arc::clone(&model.layout);
         Self {
-            planner: Planner::with_items(settings, &*model, layout),
+            planner: Chooser::with_items(method, settings, &*model, layout),
             filter: DiscreteFilter::new(model.sizes.latent, 1),
             beliefs: Beliefs::new(human.latent(), 1),
             expected: human.distribution(1),

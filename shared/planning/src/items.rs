@@ -15,6 +15,9 @@ pub trait Items {
     /// What the channels can carry at all: a display does not reach everywhere.
     fn possible(&self) -> Communicated;
 
+    /// Utterances that can be spoken at one moment.
+    fn spoken_at_once(&self) -> u32;
+
     /// C(ω) of one decision.
     fn cost(&self, settings: &Settings, communicated: Communicated) -> f32;
 
@@ -40,6 +43,10 @@ impl Items for Sectors {
     fn possible(&self) -> Communicated {
         let shown = (0..SECTORS).filter(|&sector| azimuths_shown(sector) > 0);
         Communicated::new(shown.fold(0, |bits, sector| bits | 1 << sector), 0x3f)
+    }
+
+    fn spoken_at_once(&self) -> u32 {
+        1
     }
 
     fn cost(&self, settings: &Settings, communicated: Communicated) -> f32 {

@@ -181,6 +181,19 @@ pub struct Decision {
     pub cost: f32,
 }
 
+impl Decision {
+    /// A plan for the highway.
+    pub(crate) fn of(plan: Plan, probability: [f32; BITS]) -> Self {
+        Self {
+            communicated: plan.communicated,
+            probability,
+            value: plan.value,
+            value_silent: plan.value_silent,
+            cost: plan.cost,
+        }
+    }
+}
+
 /// Where a plan starts; `A` is how a known action is given.
 #[derive(Clone, Copy)]
 pub struct From<'a, A = [f32; 2]> {
@@ -256,13 +269,7 @@ impl Planner {
         for (b, probability) in probability.iter_mut().enumerate() {
             *probability = self.probability(b);
         }
-        Ok(Decision {
-            communicated: plan.communicated,
-            probability,
-            value: plan.value,
-            value_silent: plan.value_silent,
-            cost: plan.cost,
-        })
+        Ok(Decision::of(plan, probability))
     }
 }
 

@@ -2,16 +2,22 @@
 
 mod support;
 
+use domains::discrete::{Discrete, Domain, Mask, Scene as GridScene, Setting, World};
+use models::discrete::{DiscreteHuman, DiscreteModel, Sizes};
 use models::imagined::{ImaginedGroups, Moment};
 use models::observation::{AZIMUTHS, BANDS, SECTORS};
-use models::self_model::Sizes;
+use models::self_model;
 use models::{
     Beliefs, Communicated, HumanModel, Implants, Kind, Observations, RecurrentHuman,
     RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
 };
 use nn::Tensor;
+use planning::discrete::settings_of;
 use planning::planner::GROUPS;
-use planning::{Decision, ImaginedPeople, LocalPeople, Matcher, PeopleError, Settings};
+use planning::{
+    Decision, DiscreteAssistant, ImaginedPeople, Items, LocalPeople, Matcher, Method, PeopleError,
+    Settings,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -28,9 +34,9 @@ struct Scene {
 }
 
 fn model() -> Arc<SelfModel> {
-    let sizes = Sizes {
+    let sizes = self_model::Sizes {
         hidden: 48,
-        ..Sizes::HIGHWAY
+        ..self_model::Sizes::HIGHWAY
     };
     Arc::new(SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(9)))
 }
@@ -91,6 +97,19 @@ impl Scene {
 
 fn matcher(model: &SelfModel) -> Matcher {
     Matcher::new(Settings::default(), model)
+}
+
+/// A gridworld's robot, and somebody who sees nothing there by themselves.
+fn gridworld(domain: Domain) -> (Arc<DiscreteModel>, Box<dyn HumanModel>) {
+    let scene = GridScene::of(domain, Setting::Transfer);
+    let layout = models::words::layout_of(&scene).expect("ships");
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let model = Arc::new(DiscreteModel::new(Sizes::of(&layout), layout, &mut rng));
+    let mut implants = models::discrete::Implants::new(&model, true, &mut rng);
+    let limits = models::discrete::Perceiver::new(&model.layout).limits();
+    implants.set_limits(&vec![0.0; limits]);
+    let human = DiscreteHuman::new(Arc::clone(&model), Some(implants), 0);
+    (model, Box::new(human))
 }
 
 /// Keeps what was asked and answers with a table of divergences.
@@ -213,4 +232,91 @@ fn a_model_with_a_belief_of_its_own_kind_cannot_be_matched() {
     let mut scene = Scene::new(model.clone(), Box::new(human));
     let refused = scene.plan(&mut matcher(&model), Start::default());
     assert!(matches!(refused, Err(PeopleError::Incomparable)));
+}
+
+/// In the gridworlds all versions are tried, each once; whoever sees nothing is told something.
+#[test]
+fn in_gridworlds_every_version_is_tried() {
+    for (domain, versions) in [
+        (Domain::Driving, 64),
+        (Domain::SearchRescue, 16_384),
+        (Domain::BombDefusal, 128),
+    ] {
+        let scene = GridScene::of(domain, Setting::Transfer);
+        let words = models::words::shipped(domain).expect("ships");
+        let mut world = World::new(&scene, &words).expect("a world");
+        world.reset(3, 0, 0);
+        let (model, human) = gridworld(domain);
+        let layout = Arc::clone(&model.layout);
+        let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
+        world.observe(&mut visual, &mut verbal);
+        let settings = settings_of(scene.planning());
+        let mut assistant =
+            DiscreteAssistant::with_method(Arc::clone(&model), human, settings, Method::Kl);
+        assistant.observe(&visual, &verbal, Mask::NONE, None, [1, 0, 0]);
+        let all = layout.communicable;
+        let mut asked = Counting::default();
+        let from_all = assistant.decide_with(&mut asked, Some(0), 1, 0, 0);
+        assert_eq!(asked.versions.len(), versions, "{domain:?}");
+        assert!(asked.versions.iter().all(|told| {
+            told.visual_bits() & !all.visual == 0 && told.verbal_bits() & !all.verbal == 0
+        }));
+        asked.versions.sort_unstable_by_key(|told| told.0);
+        asked.versions.dedup();
+        assert_eq!(asked.versions.len(), versions, "none twice");
+        // The people of `Counting` are nearest when told everything.
+        let most = from_all.expect("answered");
+        assert_eq!(Mask::from(most.communicated), all);
+        assert_eq!(
+            most.cost,
+            Items::cost(&layout, &settings, most.communicated)
+        );
+
+        let first = assistant.decide(Some(0), 1, 0, 0).expect("answered");
+        assert!(first.value > first.value_silent, "{domain:?} {first:?}");
+        assert!(first.communicated != Communicated::default());
+        let again = assistant.decide(Some(0), 1, 0, 0).expect("answered");
+        assert_eq!(first, again);
+        for item in 0..Items::count(&layout) {
+            let bit = match item.checked_sub(layout.regions) {
+                None => first.communicated.visual(item),
+                Some(utterance) => first.communicated.verbal(utterance),
+            };
+            assert_eq!(assistant.probability(item) == 1.0, bit);
+        }
+    }
+}
+
+/// People who believe the more like the robot the more they are told, and take down what they are asked.
+#[derive(Default)]
+struct Counting {
+    versions: Vec<Communicated>,
+}
+
+impl ImaginedPeople for Counting {
+    fn start(&mut self, _: usize, _: usize, _: u64, _: Option<&[f32]>) -> Result<(), PeopleError> {
+        Ok(())
+    }
+
+    fn ask(
+        &mut self,
+        _: usize,
+        _: &Observations,
+        _: &[Communicated],
+        _: u64,
+    ) -> Result<(), PeopleError> {
+        Ok(())
+    }
+
+    fn answer(&mut self, _: usize, _: &mut Tensor) -> Result<(), PeopleError> {
+        Ok(())
+    }
+
+    fn compare(&mut self, moment: Moment, out: &mut [f32]) -> Result<(), PeopleError> {
+        self.versions.extend_from_slice(moment.communicated);
+        for (out, told) in out.iter_mut().zip(moment.communicated) {
+            *out = 20.0 - told.0.count_ones() as f32;
+        }
+        Ok(())
+    }
 }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::{
     BUTTONS, LIVE, Person, SENTENCES, Scene, TERMINALS, TYPES, Table, WAIT, read_terminal,
 };
+use crate::discrete::memory::{of_index, to_index};
 use crate::discrete::{Mask, Mind, Perception, Sight, Words, WordsError, draw, random};
 
 /// Stream of random numbers of defusers; the next is their eyes'.
@@ -117,5 +118,18 @@ impl Mind for Defuser {
         if action < BUTTONS {
             self.live = None; // the terminals change
         }
+    }
+
+    fn memory_len(&self) -> usize {
+        2
+    }
+
+    fn write_memory(&self, out: &mut [f32]) {
+        out.copy_from_slice(&[of_index(self.live), of_index(self.kind)]);
+    }
+
+    fn read_memory(&mut self, memory: &[f32]) {
+        self.live = to_index(memory[0], TERMINALS);
+        self.kind = to_index(memory[1], TYPES);
     }
 }

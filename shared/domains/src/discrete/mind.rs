@@ -1,7 +1,8 @@
 //! Simulated people: what they perceive, what they know, what they do.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{Mask, Scene, Sight, Words, WordsError};
@@ -37,6 +38,25 @@ pub trait Mind: Send {
 
     /// Tells them what they did, in place of [`act`](Mind::act): where the real person's action is known.
     fn acted(&mut self, action: usize);
+
+    /// How many numbers hold their memory.
+    fn memory_len(&self) -> usize;
+
+    /// Writes their memory, [`memory_len`](Mind::memory_len) numbers: all that they know, but for random numbers to come.
+    fn write_memory(&self, out: &mut [f32]);
+
+    /// Takes the memory of somebody else, as they wrote it.
+    fn read_memory(&mut self, memory: &[f32]);
+}
+
+/// Who acts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+pub enum Acting {
+    /// One of the simulated people that ship, from 1 on.
+    Shipped(u32),
+    /// The simulated person of a file.
+    File(PathBuf),
 }
 
 /// A simulated person could not be made.
@@ -99,6 +119,17 @@ impl SimulatedPerson {
         })
     }
 
+    /// Whoever `acting` names, in a scene and its setting; `words` as the world's.
+    ///
+    /// # Errors
+    /// Names the person that there is not, or the file and the place in it.
+    pub fn of(scene: &Scene, acting: &Acting, words: &Words) -> Result<Self, PersonError> {
+        match acting {
+            Acting::Shipped(id) => Self::builtin(scene, *id, words),
+            Acting::File(file) => Self::load(scene, file, words),
+        }
+    }
+
     /// A person of a file of the caller's.
     ///
     /// # Errors
@@ -153,5 +184,17 @@ impl Mind for SimulatedPerson {
 
     fn acted(&mut self, action: usize) {
         each!(self, person => person.acted(action))
+    }
+
+    fn memory_len(&self) -> usize {
+        each!(self, person => person.memory_len())
+    }
+
+    fn write_memory(&self, out: &mut [f32]) {
+        each!(self, person => person.write_memory(out))
+    }
+
+    fn read_memory(&mut self, memory: &[f32]) {
+        each!(self, person => person.read_memory(memory))
     }
 }

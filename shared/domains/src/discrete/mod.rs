@@ -30,6 +30,7 @@ mod draw;
 pub(crate) mod file;
 mod layout;
 mod mask;
+pub(crate) mod memory;
 mod mind;
 mod scene;
 mod sight;
@@ -39,7 +40,7 @@ mod world;
 
 pub use layout::{Image, Layout};
 pub use mask::Mask;
-pub use mind::{Mind, PersonError, SimulatedPerson};
+pub use mind::{Acting, Mind, PersonError, SimulatedPerson};
 pub use scene::{Clock, Communication, Planning, STEP_S, Scene};
 pub use sight::{Perception, Sight};
 pub use speech::{sentence, symbols};

@@ -183,7 +183,8 @@ impl Mind for SimulatedDriver {
                 } else {
                     (visual[1 + slot], None)
                 };
-                let cell = (position * RANGE_CELLS).round() as i32;
+                let cell = (position * RANGE_CELLS).round();
+                let cell = cell.clamp(FAR_AWAY.cell as f32, -FAR_AWAY.cell as f32) as i32;
                 // Who saw it a step ago sees how it moves; who sees it for the first time takes it to keep its distance.
                 let moved = self.known[slot].map_or(0, |known| {
                     let before = known.car.cell - known.car.speed;
@@ -235,6 +236,36 @@ impl Mind for SimulatedDriver {
         }
         for known in self.known.iter_mut().flatten() {
             known.car.cell += known.car.speed;
+        }
+    }
+
+    fn memory_len(&self) -> usize {
+        1 + 4 * CARS
+    }
+
+    fn write_memory(&self, out: &mut [f32]) {
+        let (lane, cars) = out.split_at_mut(1);
+        lane[0] = self.lane as f32;
+        for (out, known) in cars.chunks_exact_mut(4).zip(&self.known) {
+            let numbers = known.map_or([0.0; 4], |known| {
+                let fresh = f32::from(u8::from(known.fresh));
+                [1.0, known.car.cell as f32, known.car.speed as f32, fresh]
+            });
+            out.copy_from_slice(&numbers);
+        }
+    }
+
+    fn read_memory(&mut self, memory: &[f32]) {
+        let (lane, cars) = memory.split_at(1);
+        self.lane = usize::from(lane[0] > 0.5);
+        for (known, numbers) in self.known.iter_mut().zip(cars.chunks_exact(4)) {
+            *known = (numbers[0] > 0.5).then(|| Known {
+                car: Car {
+                    cell: numbers[1] as i32,
+                    speed: numbers[2] as i32,
+                },
+                fresh: numbers[3] > 0.5,
+            });
         }
     }
 }

@@ -9,6 +9,7 @@ use super::world::colour;
 use super::{
     CELLS, CORRIDORS, IMAGE, PLACES, Person, SENTENCES, Scene, UTTERANCES, portion_of, position_in,
 };
+use crate::discrete::memory::{of_index, of_truth, to_index, to_truth};
 use crate::discrete::{Mask, Mind, Perception, Setting, Sight, Words, WordsError, draw, random};
 
 /// Stream of random numbers of searchers; the next is their eyes'.
@@ -286,6 +287,36 @@ impl Mind for Searcher {
             if weights.iter().sum::<f32>() > 0.0 {
                 self.target = Some(draw(&weights, &mut self.random));
             }
+        }
+    }
+
+    fn memory_len(&self) -> usize {
+        4 + PLACES + CORRIDORS
+    }
+
+    fn write_memory(&self, out: &mut [f32]) {
+        let (own, things) = out.split_at_mut(4);
+        own.copy_from_slice(&[
+            self.position.index() as f32,
+            f32::from(u8::from(self.found)),
+            self.last as f32,
+            of_index(self.target),
+        ]);
+        let known = self.victim.iter().chain(&self.blocked);
+        for (out, known) in things.iter_mut().zip(known) {
+            *out = of_truth(*known);
+        }
+    }
+
+    fn read_memory(&mut self, memory: &[f32]) {
+        let (own, things) = memory.split_at(4);
+        self.position = Cell::from_index((own[0] as usize).min(CELLS - 1));
+        self.found = own[1] > 0.5;
+        self.last = (own[2] as usize).min(SUBGOALS - 1);
+        self.target = to_index(own[3], SUBGOALS);
+        let known = self.victim.iter_mut().chain(&mut self.blocked);
+        for (known, number) in known.zip(things) {
+            *known = to_truth(*number);
         }
     }
 }

@@ -68,7 +68,7 @@ impl Condition {
     pub const fn learns(self) -> bool {
         !matches!(
             self,
-            Self::Silent | Self::Everything | Self::Ideal | Self::Model(Kind::Myself)
+            Self::Silent | Self::Everything | Self::Ideal | Self::Model(Kind::Myself | Kind::Ideal)
         )
     }
 }

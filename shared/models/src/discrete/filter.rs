@@ -3,7 +3,7 @@
 use super::reader::{ReaderScratch, copy_rows};
 use super::self_model::DiscreteModel;
 use crate::WorldModel;
-use crate::observation::Shape;
+use crate::observation::{Observations, Shape};
 use crate::policy::{ActionDistribution, largest};
 use crate::self_model::{sample, split_gaussian};
 use nn::{MlpScratch, Tensor};
@@ -19,6 +19,8 @@ pub struct DiscreteScratch {
     unfolded: Tensor,
     map: Tensor,
     reader: ReaderScratch,
+    observed: Tensor,
+    believed: Tensor,
 }
 
 impl DiscreteModel {
@@ -123,6 +125,28 @@ impl WorldModel for DiscreteModel {
         for (j, value) in out.data_mut().iter_mut().enumerate() {
             *value = s.output.column(j)[largest(actions.column(j))];
         }
+    }
+
+    fn believe(
+        &self,
+        s: &mut DiscreteScratch,
+        action: &Tensor,
+        observed: &Observations,
+        mean: &mut Tensor,
+        deviation: &mut Tensor,
+    ) {
+        let (mut encoded, mut next) = (
+            std::mem::take(&mut s.observed),
+            std::mem::take(&mut s.believed),
+        );
+        encoded.resize_to(self.view.rows(), 1);
+        let (visual, verbal) = (observed.visual.column(0), observed.verbal.column(0));
+        let everything = self.layout.everything();
+        self.view
+            .write(visual, verbal, everything, encoded.column_mut(0));
+        self.infer(s, Some((mean, action)), &encoded, &mut next, deviation);
+        mean.copy_from(&next);
+        (s.observed, s.believed) = (encoded, next);
     }
 }
 

@@ -126,4 +126,8 @@ impl HumanModel for DiscreteHuman {
             implants.shift(&beliefs.z, out, &mut self.mlp, &mut self.delta);
         }
     }
+
+    fn shares_latent(&self) -> bool {
+        true
+    }
 }

@@ -39,9 +39,12 @@ pub enum HumanError {
         .0.name()
     )]
     Unlearned(Kind),
-    /// The unchanged self-model learns nothing.
-    #[error("{}: human model `self` learns nothing of a person and takes no file", .0.display())]
-    NothingToTake(PathBuf),
+    /// The unchanged self-model learns nothing, nor does the person's own.
+    #[error("{}: human model `{}` learns nothing of a person and takes no file", .0.display(), .1.name())]
+    NothingToTake(PathBuf, Kind),
+    /// The ideal model is the person's own.
+    #[error("human model `ideal` needs to know whose it is: a simulated person")]
+    Nobody,
     /// A file of implants of the other kind.
     #[error(
         "{}: has {} policy implant, which is not human model `{}`",
@@ -151,8 +154,9 @@ pub fn policy_from(
     Ok((policy, sight))
 }
 
-/// A human model of `kind` on `model`, from the file of what was learned of the person; `self` takes none. It sees everything and hears
-/// nobody but the assistant, as on the highway.
+/// A human model of `kind` on `model`, from the file of what was learned of the person; `self` takes none, and `ideal` is made
+/// from the person ([`super::IdealHuman`]). `self` sees everything and hears nobody
+/// but the assistant, as on the highway.
 ///
 /// # Errors
 /// If the file is missing, damaged, holds something else, or belongs to another self-model.
@@ -166,7 +170,10 @@ pub fn load_human(
             let human = DiscreteHuman::new(Arc::clone(model), None, 0);
             return Ok(Box::new(human));
         }
-        (Some(path), Kind::Myself) => return Err(HumanError::NothingToTake(path.to_owned())),
+        (Some(path), Kind::Myself | Kind::Ideal) => {
+            return Err(HumanError::NothingToTake(path.to_owned(), kind));
+        }
+        (None, Kind::Ideal) => return Err(HumanError::Nobody),
         (None, kind) => return Err(HumanError::Unlearned(kind)),
         (Some(path), _) => path,
     };

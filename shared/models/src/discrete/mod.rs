@@ -8,6 +8,7 @@ mod checkpoint;
 mod filter;
 mod human;
 pub mod human_file;
+mod ideal;
 mod implants;
 mod perception;
 mod reader;
@@ -19,6 +20,7 @@ mod view;
 pub use checkpoint::{DOMAIN, HEARD, digest, metadata, model_from};
 pub use filter::{DiscreteFilter, DiscreteScratch};
 pub use human::DiscreteHuman;
+pub use ideal::IdealHuman;
 pub use implants::{
     Attached, Implants, RESIDUAL_BOUND, RESIDUAL_HIDDEN, policy_on_tape, seen_on_tape,
 };

@@ -61,6 +61,9 @@ pub enum Learned {
 /// A person could not be learned.
 #[derive(Debug, Error)]
 pub enum LearnError {
+    /// The ideal model is the person's own.
+    #[error("human model `ideal` is the simulated person's own and learns nothing")]
+    Own,
     /// There are no rounds.
     #[error(transparent)]
     Empty(#[from] implants::NothingToLearn),
@@ -101,6 +104,7 @@ pub fn learn(
     let heard = rounds.heard;
     match kind {
         Kind::Myself => Ok(Learned::Nothing { heard }),
+        Kind::Ideal => Err(LearnError::Own),
         Kind::Mirror | Kind::MirrorP => {
             let settings = implants::Settings {
                 seed,
