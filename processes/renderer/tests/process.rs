@@ -53,6 +53,31 @@ impl Others {
         })
     }
 
+    /// The decision for a frame comes after its display.
+    fn run_late(mut self) -> anyhow::Result<Vec<Display>> {
+        let mut displays = Vec::new();
+        self.node.ready()?;
+        for step in [0, 1] {
+            let stamp = Stamp::sensed(0, step);
+            self.lidar
+                .send_with(stamp, |place| *place = frame(0, step))?;
+            for late in [false, true] {
+                if late {
+                    self.decision
+                        .send_with(stamp, |place| *place = decision(0, step))?;
+                }
+                while !self.display.take()? {
+                    if self.node.wait(&mut [&mut self.display], None)? == Wake::Stop {
+                        anyhow::bail!("no display at step {step}, late: {late}");
+                    }
+                }
+                displays.extend(self.display.message());
+            }
+        }
+        self.node.finish()?;
+        Ok(displays)
+    }
+
     fn run(mut self) -> anyhow::Result<Vec<Display>> {
         let mut displays = Vec::new();
         self.node.ready()?;
@@ -82,27 +107,27 @@ impl Others {
     }
 }
 
-#[test]
-fn every_frame_gets_its_display() -> anyhow::Result<()> {
+/// Runs a renderer among the others; what it displayed, and how many late decisions it counted.
+fn run(
+    clock: ClockMode,
+    options: &Options,
+    play: fn(Others) -> anyhow::Result<Vec<Display>>,
+) -> anyhow::Result<(Vec<Display>, u64)> {
     let root = tempfile::tempdir()?;
     let lock = InstanceLock::acquire(root.path(), "render")?;
-    let mut launcher = Launcher::open(lock, 42, ClockMode::Lockstep)?;
+    let mut launcher = Launcher::open(lock, 42, clock)?;
     let process = |name: &str, index| RunArguments {
         launcher_pid: 0, // threads of this process, not children of a launcher
         ..launcher.arguments().for_process(name, index)
     };
     let (ours, theirs) = (process("renderer", 0), process("others", 1));
-    let options = Options {
-        print: false,
-        ..Options::default()
-    };
     let same = options.clone();
     let renderer = std::thread::spawn(move || renderer::run(&ours, &same));
-    let others = std::thread::spawn(move || Others::join(&theirs)?.run());
+    let others = std::thread::spawn(move || play(Others::join(&theirs)?));
     let deadline = now_ns() + 60_000_000_000;
     launcher.wait_ready(&["renderer", "others"], &[], deadline)?;
     launcher.start()?;
-    let mut running = 2;
+    let (mut running, mut missed) = (2, 0);
     while running > 0 {
         anyhow::ensure!(
             launcher.wait(&[], Some(deadline))? == LauncherWake::Report,
@@ -112,13 +137,37 @@ fn every_frame_gets_its_display() -> anyhow::Result<()> {
             anyhow::ensure!(report.state != 4, "a process failed");
             if report.state == 3 {
                 running -= 1;
+                missed += report.missed_deadlines;
                 launcher.stop()?;
             }
         }
     }
-    let displays = others.join().expect("no panic")?;
     renderer.join().expect("no panic")?;
+    Ok((others.join().expect("no panic")?, missed))
+}
 
+fn options() -> Options {
+    Options {
+        print: false,
+        ..Options::default()
+    }
+}
+
+/// In real time a frame is shown at once, and again when what was decided for it comes; that is counted.
+#[test]
+fn a_late_decision_is_shown_when_it_comes() -> anyhow::Result<()> {
+    let (displays, missed) = run(ClockMode::RealTime, &options(), Others::run_late)?;
+    let seen = displays.iter().map(|d| (d.header.step, d.highlighted));
+    assert_eq!(seen.collect::<Vec<_>>(), [(0, 0), (0, 1), (1, 1), (1, 0)]);
+    assert_eq!(missed, 2);
+    Ok(())
+}
+
+#[test]
+fn every_frame_gets_its_display() -> anyhow::Result<()> {
+    let options = options();
+    let (displays, missed) = run(ClockMode::Lockstep, &options, Others::run)?;
+    assert_eq!(missed, 0);
     assert_eq!(displays.len(), 2 * STEPS as usize);
     let mut expected = Renderer::new(&options);
     let (mut spoken, mut shown) = (0, 0);
