@@ -459,6 +459,44 @@ fn plans_are_followed_into_the_human_model_and_back() {
     }
 }
 
+/// Where the world sends observations in place of frames, and a plan asks for choices.
+#[test]
+fn gridworlds_are_profiled_too() {
+    let bench = Bench::new();
+    let out = bench.path("out");
+    let scene = bench.write(
+        "quick.toml",
+        "name = \"quick\"\ndomain = \"driving\"\nsetting = \"transfer\"\n[planning]\nhorizon = 2\nsamples = 60\n\
+         elites = 12\niterations = 2\n",
+    );
+    let output = run(mirror()
+        .args(["profile", "--human", "ideal", "--episodes", "3"])
+        .args(["--own-cost", "0.5", "--scene"])
+        .arg(&scene)
+        .arg("--out")
+        .arg(&out));
+    assert_well(&output);
+    let profile = json(&out.join("profile.json"));
+    let counts = &profile["counts"];
+    assert!(counts["steps"].as_u64().unwrap() > 20, "{counts}");
+    assert_eq!(counts["incomplete_steps"], 0, "{counts}");
+    let metrics = profile["metrics"].as_object().unwrap();
+    for name in [
+        "tick",
+        "compute world",
+        "wait world/observation → belief",
+        "hop world/observation → belief",
+        "sensing to display",
+        "planner awaits answers",
+    ] {
+        let count = metrics[name]["count"].as_u64().unwrap();
+        assert!(count > 15, "{name}: {count}");
+    }
+    let frames = metrics.keys().find(|name| name.contains("world/lidar"));
+    assert_eq!(frames, None);
+    check_trace(&Trace::read(&out));
+}
+
 fn refused(arguments: &[&str], words: &[&str]) {
     let output = run(mirror().arg("profile").args(arguments));
     assert_eq!(

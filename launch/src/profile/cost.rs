@@ -10,10 +10,10 @@
 
 use super::system::cpu_ns;
 use super::table::Table;
-use super::watch::{Ports, Watch, own};
+use super::watch::{Marker, Ports, Watch, own};
 use anyhow::Result;
-use messages::{Header, LidarFrame, topic};
-use runtime::{Input, ObserverWake, now_ns};
+use messages::Header;
+use runtime::{ObserverWake, now_ns};
 use serde::{Deserialize, Serialize};
 
 /// A turn lasts at least so long …
@@ -94,19 +94,19 @@ pub fn measure(
     let turns = FEWEST.max((seconds * 1e9 / (2 * turn_ns) as f64).round() as usize);
     let (mut watched, mut alone) = (Vec::new(), Vec::new());
     let mut own_cpu = (0, 0);
-    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, one subscriber of frames,
+    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, a subscriber of frames,
     // is there while the others come and go.
     let mut left: Option<Moment> = None;
     for turn in 0..=turns {
-        let mut marker = watch.observer.input::<LidarFrame>(topic::LIDAR)?;
-        let Some(first) = moment(watch, pids, || newest(&mut marker))? else {
+        let mut marker = Marker::attach(&watch.observer)?;
+        let Some(first) = moment(watch, pids, || Ok(marker.newest()?))? else {
             return Ok(None);
         };
         alone.extend(left.and_then(|left| first.since(&left)));
         let mut ports = Ports::attach(&watch.observer, plans)?;
         drop(marker);
         let settled = match look_on(watch, &mut ports, SETTLE_NS)? {
-            true => moment(watch, pids, || ports.newest_frame())?,
+            true => moment(watch, pids, || Ok(ports.newest_frame()?))?,
             false => None,
         };
         let Some(settled) = settled else {
@@ -119,16 +119,16 @@ pub fn measure(
         let ended = own();
         own_cpu.0 += ended.cpu_ns - began.cpu_ns;
         own_cpu.1 += ended.at_ns - began.at_ns;
-        let Some(last) = moment(watch, pids, || ports.newest_frame())? else {
+        let Some(last) = moment(watch, pids, || Ok(ports.newest_frame()?))? else {
             return Ok(None);
         };
         watched.extend(last.since(&settled));
-        let mut marker = watch.observer.input::<LidarFrame>(topic::LIDAR)?;
+        let mut marker = Marker::attach(&watch.observer)?;
         drop(ports);
         if watch.observer.sleep(now_ns() + SETTLE_NS)? != ObserverWake::Deadline {
             return Ok(None);
         }
-        left = moment(watch, pids, || newest(&mut marker))?;
+        left = moment(watch, pids, || Ok(marker.newest()?))?;
         drop(marker);
         if turn < turns && watch.observer.sleep(now_ns() + turn_ns)? != ObserverWake::Deadline {
             return Ok(None);
@@ -173,12 +173,6 @@ fn moment(
             return Ok(None);
         }
     }
-}
-
-/// The newest header that waits at the marker.
-fn newest(marker: &mut Input<LidarFrame>) -> Result<Option<Header>> {
-    while marker.take()? {}
-    Ok(marker.header().copied())
 }
 
 /// Watches for so long; false if the run ends, or for a signal.

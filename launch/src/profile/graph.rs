@@ -21,10 +21,12 @@ pub enum Topic {
     Display,
     /// driver/action
     Action,
+    /// world/observation, in a gridworld in place of world/lidar
+    Observation,
 }
 
 /// How many topics.
-pub const TOPICS: usize = 6;
+pub const TOPICS: usize = 7;
 
 /// Places of the processes in launch order.
 pub const WORLD: usize = 0;
@@ -41,6 +43,7 @@ impl Topic {
     pub fn name(self) -> &'static str {
         match self {
             Self::Lidar => topic::LIDAR,
+            Self::Observation => topic::OBSERVATION,
             Self::RobotBelief => topic::ROBOT_BELIEF,
             Self::HumanBelief => topic::HUMAN_BELIEF,
             Self::Decision => topic::COMM_ACTION,
@@ -52,7 +55,7 @@ impl Topic {
     /// Who sends it: a place in [`NAMES`].
     pub fn sender(self) -> usize {
         match self {
-            Self::Lidar => WORLD,
+            Self::Lidar | Self::Observation => WORLD,
             Self::RobotBelief => BELIEF,
             Self::HumanBelief => HUMAN,
             Self::Decision => PLANNER,
@@ -65,6 +68,7 @@ impl Topic {
 /// All of them.
 pub const STEP_ENDS: [Topic; TOPICS] = [
     Topic::Lidar,
+    Topic::Observation,
     Topic::Action,
     Topic::RobotBelief,
     Topic::HumanBelief,
@@ -110,8 +114,8 @@ const fn edge(from: Topic, step: i32, to: Topic, stamps: bool, when: When) -> Ed
 /// Steps that the world lets the human model be behind in lockstep (`processes/world/src/ports.rs`).
 const MOST_BEHIND: i32 = 16;
 
-/// Every edge of the graph.
-pub const EDGES: [Edge; 15] = [
+/// Every edge of the graph. A set has either frames or observations; the other's edges carry nothing.
+pub const EDGES: [Edge; 21] = [
     edge(Topic::Action, -1, Topic::Lidar, false, When::Always),
     edge(
         Topic::HumanBelief,
@@ -139,6 +143,30 @@ pub const EDGES: [Edge; 15] = [
     edge(Topic::Decision, 0, Topic::Display, false, When::Always),
     edge(Topic::Lidar, 0, Topic::Action, true, When::Always),
     edge(Topic::Display, 0, Topic::Action, false, When::Always),
+    edge(Topic::Action, -1, Topic::Observation, false, When::Always),
+    edge(
+        Topic::HumanBelief,
+        -MOST_BEHIND,
+        Topic::Observation,
+        false,
+        When::Lockstep,
+    ),
+    edge(
+        Topic::Observation,
+        0,
+        Topic::RobotBelief,
+        true,
+        When::Always,
+    ),
+    edge(
+        Topic::Observation,
+        0,
+        Topic::HumanBelief,
+        true,
+        When::Always,
+    ),
+    edge(Topic::Observation, 0, Topic::Display, true, When::Always),
+    edge(Topic::Observation, 0, Topic::Action, true, When::Always),
 ];
 
 impl Edge {

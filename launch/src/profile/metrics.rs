@@ -146,10 +146,9 @@ impl Samples {
             .map(|edge| (wait_of(edge), hop_of(edge)))
             .collect();
         for (episode, step, seen) in reader.table.iter() {
-            if let (Some(this), Some(next)) = (
-                seen.mark(Topic::Lidar),
-                reader.table.mark(Topic::Lidar, episode, step + 1),
-            ) {
+            if let (Some(this), Some(next)) =
+                (seen.sensed(), reader.table.sensed(episode, step + 1))
+            {
                 samples.add(
                     TICK,
                     || "from a frame's sending to the next frame's".to_owned(),
@@ -306,8 +305,8 @@ pub fn latency(reader: &Reader, episode: u32, step: u32) -> Option<(u64, u64)> {
     let table: &Table = reader.table;
     match reader.clock {
         ClockMode::Lockstep => {
-            let from = table.mark(Topic::Lidar, episode, step)?.sent;
-            let to = table.mark(Topic::Lidar, episode, step + 1)?.sent;
+            let from = table.sensed(episode, step)?.sent;
+            let to = table.sensed(episode, step + 1)?.sent;
             (to > from).then_some((from, to))
         }
         ClockMode::RealTime => {
@@ -318,10 +317,10 @@ pub fn latency(reader: &Reader, episode: u32, step: u32) -> Option<(u64, u64)> {
 }
 
 /// The message at the end of [`latency`].
-pub fn latency_end(clock: ClockMode) -> Topic {
-    match clock {
-        ClockMode::Lockstep => Topic::Lidar,
-        ClockMode::RealTime => Topic::Decision,
+pub fn latency_end(reader: &Reader, episode: u32, step: u32) -> Option<Topic> {
+    match reader.clock {
+        ClockMode::Lockstep => reader.table.step(episode, step)?.sensed_on(),
+        ClockMode::RealTime => Some(Topic::Decision),
     }
 }
 
@@ -361,7 +360,10 @@ pub fn path_parts(reader: &Reader) -> Vec<PathPart> {
         };
         steps += 1;
         total += to - from;
-        let path = reader.path(latency_end(reader.clock), episode, step + 1, from);
+        let Some(end) = latency_end(reader, episode, step + 1) else {
+            continue;
+        };
+        let path = reader.path(end, episode, step + 1, from);
         let mut seen = Vec::new();
         for stretch in path {
             let key = (stretch.process, stretch.kind);

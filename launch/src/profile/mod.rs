@@ -23,7 +23,7 @@ use crate::cli::ProfileArguments;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use metrics::{Metric, Samples};
 use result::{Profile, Trace};
 use serde::Serialize;
@@ -55,12 +55,6 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     let (instance, observer, started) = match &arguments.attach {
         Some(instance) => (instance.clone(), target::attach(instance)?, None),
         None => {
-            let scene = &arguments.scene.scene;
-            if crate::place::gridworld_scene(scene).is_ok_and(|scene| scene.is_some()) {
-                return Err(Failure::refused(anyhow!(
-                    "--scene {scene}: a gridworld; only the highway can be profiled so far"
-                )));
-            }
             let chosen = arguments.scene.instance.clone();
             let instance = chosen.unwrap_or_else(|| format!("profile-{}", std::process::id()));
             let endless = arguments.own_cost > 0.0 || arguments.seconds.is_some();

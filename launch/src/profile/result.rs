@@ -287,7 +287,7 @@ fn counts(observed: &Observed, processes: &BTreeMap<String, ProcessProfile>) -> 
     let (mut steps, mut incomplete_steps) = (0, 0);
     for (.., step) in table.iter() {
         // What ends an episode has no frame.
-        if step.mark(Topic::Lidar).is_some() {
+        if step.sensed().is_some() {
             steps += 1;
             let complete = answers.iter().all(|topic| step.mark(*topic).is_some());
             incomplete_steps += u64::from(!complete);
@@ -391,7 +391,7 @@ fn pick(reader: &Reader) -> [Option<(u32, u32)>; 2] {
 /// Everything that happened during a step's latency.
 fn trace(reader: &Reader, episode: u32, step: u32) -> Option<Trace> {
     let (from, to) = latency(reader, episode, step)?;
-    let end = latency_end(reader.clock);
+    let end = latency_end(reader, episode, step + 1)?;
     let since = |ns: u64| ns as i64 - from as i64;
     let span = |stretch: &Stretch| Span {
         process: NAMES[stretch.process].to_owned(),

@@ -4,6 +4,9 @@ use super::graph::{TOPICS, Topic};
 use messages::Header;
 use std::collections::{BTreeMap, VecDeque};
 
+/// On which of them a world lets itself be sensed.
+const SENSED: [Topic; 2] = [Topic::Lidar, Topic::Observation];
+
 /// Steps kept at most; at 8,000 steps a second, half a minute.
 pub const MOST_STEPS: usize = 200_000;
 /// A message so many steps from all others of its episode does not belong to it.
@@ -59,6 +62,16 @@ impl Step {
     /// The step's message on a topic.
     pub fn mark(&self, topic: Topic) -> Option<&Mark> {
         Some(&self.marks[topic as usize]).filter(|mark| mark.is_seen())
+    }
+
+    /// What could be sensed: a frame, or a gridworld's observation.
+    pub fn sensed(&self) -> Option<&Mark> {
+        SENSED.iter().find_map(|topic| self.mark(*topic))
+    }
+
+    /// On which topic that was.
+    pub fn sensed_on(&self) -> Option<Topic> {
+        SENSED.into_iter().find(|topic| self.mark(*topic).is_some())
     }
 }
 
@@ -165,6 +178,11 @@ impl Table {
     /// A message of a step.
     pub fn mark(&self, topic: Topic, episode: u32, step: u32) -> Option<&Mark> {
         self.step(episode, step)?.mark(topic)
+    }
+
+    /// What could be sensed at a step.
+    pub fn sensed(&self, episode: u32, step: u32) -> Option<&Mark> {
+        self.step(episode, step)?.sensed()
     }
 
     /// All steps in order: episode, step, what was seen.

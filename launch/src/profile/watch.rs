@@ -8,7 +8,7 @@ use crate::process::NAMES;
 use anyhow::Result;
 use messages::{
     CommAction, Display, DriverAction, Header, HumanBelief, ImagineAnswer, ImagineRequest,
-    LidarFrame, Report, RobotBelief, topic,
+    LidarFrame, Observation, Report, RobotBelief, topic,
 };
 use runtime::instance::{default_root, nodes};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
@@ -33,6 +33,7 @@ const NO_PLANNER: u32 = 1;
 /// One subscriber of every topic of a step.
 pub struct Ports {
     lidar: Input<LidarFrame>,
+    observation: Input<Observation>,
     robot_belief: Input<RobotBelief>,
     human_belief: Input<HumanBelief>,
     decision: Input<CommAction>,
@@ -40,7 +41,7 @@ pub struct Ports {
     action: Input<DriverAction>,
     questions: Input<ImagineRequest>,
     answers: Input<ImagineAnswer>,
-    /// The newest frame's header.
+    /// The newest frame's header; in a gridworld, the newest observation's.
     pub frame: Option<Header>,
     /// Messages taken.
     pub messages: u64,
@@ -56,6 +57,7 @@ impl Ports {
     pub fn attach(observer: &Observer, expects_plans: bool) -> Result<Self, PortError> {
         Ok(Self {
             lidar: observer.input(topic::LIDAR)?,
+            observation: observer.input(topic::OBSERVATION)?,
             robot_belief: observer.input(topic::ROBOT_BELIEF)?,
             human_belief: observer.input(topic::HUMAN_BELIEF)?,
             decision: observer.input(topic::COMM_ACTION)?,
@@ -90,13 +92,18 @@ impl Ports {
         headers! {
             robot_belief: RobotBelief, human_belief: HumanBelief, display: Display, action: Action,
         }
-        while self.lidar.take()? {
-            if let Some(header) = self.lidar.header() {
-                messages += 1;
-                table.add(Topic::Lidar, header);
-                self.frame = Some(*header);
-            }
+        macro_rules! frames {
+            ($($input:ident: $topic:ident,)*) => {$(
+                while self.$input.take()? {
+                    if let Some(header) = self.$input.header() {
+                        messages += 1;
+                        table.add(Topic::$topic, header);
+                        self.frame = Some(*header);
+                    }
+                }
+            )*};
         }
+        frames! { lidar: Lidar, observation: Observation, }
         while self.decision.take()? {
             if let Some(decision) = self.decision.message() {
                 messages += 1;
@@ -126,9 +133,8 @@ impl Ports {
     ///
     /// # Errors
     /// [`PortError::Receive`].
-    pub fn newest_frame(&mut self) -> Result<Option<Header>> {
-        while self.lidar.take()? {}
-        Ok(self.lidar.header().copied())
+    pub fn newest_frame(&mut self) -> Result<Option<Header>, PortError> {
+        newest_of(&mut self.lidar, &mut self.observation)
     }
 
     /// How long to sleep until the next look.
@@ -144,6 +150,7 @@ impl Ports {
     fn lost(&self) -> BTreeMap<String, u64> {
         [
             (topic::LIDAR, self.lidar.lost()),
+            (topic::OBSERVATION, self.observation.lost()),
             (topic::ROBOT_BELIEF, self.robot_belief.lost()),
             (topic::HUMAN_BELIEF, self.human_belief.lost()),
             (topic::COMM_ACTION, self.decision.lost()),
@@ -155,6 +162,42 @@ impl Ports {
         .map(|(topic, lost)| (topic.to_owned(), lost))
         .into()
     }
+}
+
+/// One subscriber of frames, whichever the world sends.
+pub struct Marker {
+    lidar: Input<LidarFrame>,
+    observation: Input<Observation>,
+}
+
+impl Marker {
+    /// Subscribes.
+    ///
+    /// # Errors
+    /// As [`Ports::attach`].
+    pub fn attach(observer: &Observer) -> Result<Self, PortError> {
+        Ok(Self {
+            lidar: observer.input(topic::LIDAR)?,
+            observation: observer.input(topic::OBSERVATION)?,
+        })
+    }
+
+    /// The newest header that waits.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn newest(&mut self) -> Result<Option<Header>, PortError> {
+        newest_of(&mut self.lidar, &mut self.observation)
+    }
+}
+
+fn newest_of(
+    lidar: &mut Input<LidarFrame>,
+    observation: &mut Input<Observation>,
+) -> Result<Option<Header>, PortError> {
+    while lidar.take()? {}
+    while observation.take()? {}
+    Ok(lidar.header().or(observation.header()).copied())
 }
 
 /// When to stop watching, besides at the run's end and on a signal.
