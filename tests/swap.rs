@@ -3,9 +3,190 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
+use common::{Bench, Live, assert_nothing_left, instance, mirror, run, status, summary, told};
+use messages::{CommAction, LidarFrame, RobotBelief, topic};
+use runtime::{Node, Receive, RunArguments, Stamp, Wake};
 use serde_json::Value;
+use std::path::Path;
 use std::process::Output;
+
+const ROLE: &str = "MIRROR_TEST_ROLE";
+const MARK: &str = "MIRROR_TEST_MARK";
+
+/// Not a test: what a process does that stands in for one of the set. Without a role it has nothing to do.
+#[test]
+fn stand_in() {
+    let Ok(role) = std::env::var(ROLE) else {
+        return;
+    };
+    let path = std::env::args().next_back().unwrap();
+    let mut node = Node::join(&RunArguments::read(Path::new(&path)).unwrap()).unwrap();
+    match role.as_str() {
+        "belief" => believe(&mut node),
+        "planner" => decide(&mut node),
+        other => panic!("no role {other}"),
+    }
+    node.finish().unwrap();
+}
+
+/// Computes an empty belief for every frame. As long as it stands by it never says that it has caught up; what it would say is
+/// held back.
+fn believe(node: &mut Node) {
+    let mut frames = node
+        .input::<LidarFrame>(topic::LIDAR, Receive::InOrder)
+        .unwrap();
+    let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF).unwrap();
+    if node.ready().unwrap() == Wake::Stop {
+        return;
+    }
+    while node.wait(&mut [&mut frames], None).unwrap() != Wake::Stop {
+        frames.take().unwrap();
+        let stamp = Stamp::of(frames.header().unwrap());
+        beliefs.send_with(stamp, |_| {}).unwrap();
+        if node.speaks(stamp.episode, stamp.step) {
+            node.end_step();
+        }
+    }
+}
+
+/// Decides nothing, as soon as it is its turn. As long as it stands by it never says that it has caught up. The first of its kind
+/// has passed over every step there is.
+fn decide(node: &mut Node) {
+    let mut beliefs = node
+        .input::<RobotBelief>(topic::ROBOT_BELIEF, Receive::InOrder)
+        .unwrap();
+    let decisions = node.output::<CommAction>(topic::COMM_ACTION).unwrap();
+    let mark = std::env::var(MARK).unwrap();
+    if !Path::new(&mark).exists() {
+        std::fs::write(&mark, "").unwrap();
+        node.pass(u32::MAX - 1, 0);
+    }
+    if node.ready().unwrap() == Wake::Stop {
+        return;
+    }
+    while node.wait(&mut [&mut beliefs], None).unwrap() != Wake::Stop {
+        beliefs.take().unwrap();
+        let stamp = Stamp::of(beliefs.header().unwrap()).next();
+        if node.speaks(stamp.episode, stamp.step) {
+            decisions
+                .send_with(stamp, |decision| decision.reason = 1)
+                .unwrap();
+            node.end_step();
+        }
+    }
+}
+
+/// Living processes of a kind, as (number, phase).
+fn living(name: &str, process: &str) -> Vec<(u64, String)> {
+    let status = status(name).unwrap();
+    let all = status["processes"].as_array().unwrap().iter();
+    all.filter(|child| child["process"] == process)
+        .map(|child| {
+            let phase = child["phase"].as_str().unwrap().to_owned();
+            (child["index"].as_u64().unwrap(), phase)
+        })
+        .collect()
+}
+
+/// Waits until that many steps more are done.
+fn goes_on(name: &str, steps: u64) {
+    let done = || status(name).unwrap()["steps"].as_u64().unwrap();
+    let before = done();
+    while done() < before + steps {
+        std::thread::yield_now();
+    }
+}
+
+/// Begins to replace `process` by a stand-in that never catches up, and waits until it stands by; its number comes with it.
+fn begins_to_swap(name: &str, process: &str) -> (std::thread::JoinHandle<(Output, Value)>, u64) {
+    let (instance, asked) = (name.to_owned(), process.to_owned());
+    let swap = std::thread::spawn(move || {
+        let bench = Bench::new();
+        let program = std::env::current_exe().unwrap();
+        let command = format!(
+            "env {ROLE}={asked} {MARK}={} {} --exact stand_in --nocapture --test-threads=1",
+            bench.path("mark").display(),
+            program.display()
+        );
+        swap(&instance, &bench, &[&asked, "--exec", &command])
+    });
+    loop {
+        let found = living(name, process);
+        if let Some((number, _)) = found.iter().find(|(_, phase)| phase == "StandingBy") {
+            return (swap, *number);
+        }
+        std::thread::yield_now();
+    }
+}
+
+/// The old process may die before the border: the new one goes on where it stopped, and who cannot, having passed over what is
+/// owed, is started once more.
+#[test]
+fn the_old_one_may_die_before_the_border() {
+    for clock in ["lockstep", "realtime"] {
+        let bench = Bench::new();
+        let name = instance(&format!("swap-dies-{clock}"));
+        let file = bench.path("up.json");
+        let mut command = bench.up(&name);
+        command
+            .args(["--episodes", "1000000", "--clock", clock])
+            .arg("--summary")
+            .arg(&file);
+        let live = Live::start(&mut command, &name);
+        for (process, starts_once_more) in [("belief", false), ("planner", true)] {
+            let (swap, stood_by) = begins_to_swap(&name, process);
+            live.signal(process, libc::SIGKILL);
+            let (output, report) = swap.join().unwrap();
+            assert!(output.status.success(), "{clock}: {}", told(&output));
+            assert_eq!(report["old_died"], true, "{report}");
+            if clock == "lockstep" {
+                assert_eq!(report["ticks_without_answer"], 0, "{report}");
+            }
+            goes_on(&name, 20);
+            let now = living(&name, process);
+            assert_eq!(now.len(), 1, "{now:?}");
+            assert_eq!(now[0].1, "Speaking");
+            let is_another = now[0].0 != stood_by;
+            assert_eq!(is_another, starts_once_more, "{clock} {process}: {now:?}");
+        }
+        end(live, &name);
+        let summary = summary(&file);
+        let deaths = summary["deaths"].as_array().unwrap();
+        assert_eq!(deaths.len(), 2, "{deaths:?}");
+        assert_eq!(summary["restarts"], 0, "{summary}");
+    }
+}
+
+/// Where both die, the launcher starts another of the old kind, as it does without a swap.
+#[test]
+fn both_may_die() {
+    let bench = Bench::new();
+    let name = instance("swap-both");
+    let file = bench.path("up.json");
+    let mut command = bench.up(&name);
+    command
+        .args(["--episodes", "1000000"])
+        .arg("--summary")
+        .arg(&file);
+    let live = Live::start(&mut command, &name);
+    for process in ["belief", "planner"] {
+        let (swap, _) = begins_to_swap(&name, process);
+        let new = runtime::instance::nodes(&runtime::instance::default_root(), &name);
+        for node in new.unwrap().iter().filter(|node| node.process == process) {
+            // SAFETY: signals a process of this test's own set.
+            unsafe { libc::kill(node.pid as libc::pid_t, libc::SIGKILL) };
+        }
+        let (output, report) = swap.join().unwrap();
+        assert!(!output.status.success(), "{report}");
+        goes_on(&name, 20);
+        let now = living(&name, process);
+        assert_eq!(now.len(), 1, "{now:?}");
+        assert_eq!(now[0].1, "Speaking");
+    }
+    swaps_cleanly(&name, &bench, &["belief", "same"]);
+    end(live, &name);
+    assert_eq!(summary(&file)["restarts"], 2);
+}
 
 /// `mirror swap`, to its end.
 fn swap(name: &str, bench: &Bench, arguments: &[&str]) -> (Output, Value) {

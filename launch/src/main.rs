@@ -27,7 +27,21 @@ use std::process::ExitCode;
 static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let command = Cli::parse().command;
+    // Whoever only prints ends quietly with its reader (`mirror doctor | head`); who runs a set, or talks to one, goes on without.
+    let goes_on = matches!(
+        command,
+        Command::Up(_)
+            | Command::Swap(_)
+            | Command::Replay(_)
+            | Command::Profile(_)
+            | Command::Process(_)
+    );
+    if !goes_on {
+        // SAFETY: no other thread runs yet, and no handler of ours is replaced.
+        unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
+    }
+    let result = match command {
         Command::Up(arguments) => up::up(&arguments),
         Command::Swap(arguments) => swap::swap(&arguments),
         Command::Replay(arguments) => replay::replay(&arguments),

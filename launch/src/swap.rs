@@ -3,6 +3,7 @@
 use crate::cli::SwapArguments;
 use crate::failure::Failure;
 use crate::inputs;
+use crate::screen::Screen;
 use crate::up::door::{self, Question, Replacement};
 use anyhow::{Context, Result, bail};
 use runtime::instance::{self, default_root};
@@ -71,19 +72,27 @@ pub fn running(name: Option<&str>) -> Result<PathBuf> {
 }
 
 fn print(report: &serde_json::Value) {
+    let screen = Screen::new();
     let text = |key: &str| report[key].as_str().unwrap_or_default().to_owned();
     let number = |key: &str| report[key].as_f64().unwrap_or_default();
-    println!("{}: {} → {}", text("process"), text("from"), text("to"));
+    screen.line(&format!(
+        "{}: {} → {}",
+        text("process"),
+        text("from"),
+        text("to")
+    ));
     if let [episode, step] = report["border"].as_array().map_or(&[][..], Vec::as_slice) {
-        println!("  the new process speaks from episode {episode} step {step} on");
+        screen.line(&format!(
+            "  the new process speaks from episode {episode} step {step} on"
+        ));
     }
-    println!(
+    screen.line(&format!(
         "  steps without an answer {}, late answers {}, messages lost {}",
         number("ticks_without_answer"),
         number("late_answers"),
         number("lost_messages")
-    );
-    println!(
+    ));
+    screen.line(&format!(
         "  learning {:.0} ms, start {:.0} ms, catching up {:.0} ms, agreement {:.1} ms, to the border {:.0} ms; longest pause {:.1} ms",
         number("learn_ms"),
         number("start_ms"),
@@ -91,8 +100,9 @@ fn print(report: &serde_json::Value) {
         number("agree_ms"),
         number("cross_ms"),
         number("longest_gap_ms")
-    );
+    ));
     if report["old_died"] == true {
-        println!("  the old process died before the border; the new one took over at once");
+        screen
+            .line("  the old process died before the border; the new one went on where it stopped");
     }
 }

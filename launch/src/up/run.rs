@@ -5,7 +5,7 @@ use super::door::{Answer, Door, Question};
 use super::heads::Heads;
 use super::plan::Plan;
 use super::summary::Ending;
-use super::supervise::{ASK_NS, HANG_NS, Supervisor, last_words, next_border};
+use super::supervise::{ASK_NS, HANG_NS, Supervisor, border_after_death, next_border};
 use super::swap::{Around, Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
@@ -13,7 +13,7 @@ use crate::screen::Screen;
 use anyhow::{Context, Result};
 use messages::Report;
 use recorder::result::RecorderResult;
-use runtime::{ClockMode, Launcher, LauncherWake, now_ns, state, text_of};
+use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
 
 const MS: u64 = 1_000_000;
 /// How long processes may take to read their models and make their ports.
@@ -281,10 +281,8 @@ impl<'a> Run<'a> {
         self.heads.update()?;
         let border = if place == RECORDER {
             (0, 0) // also what is left of the time when nobody recorded
-        } else if self.launcher.arguments().clock == ClockMode::Lockstep {
-            last_words(&self.heads, place)
         } else {
-            next_border(&self.heads, place) // nobody waits for what was missed
+            border_after_death(self.launcher.arguments().clock, &self.heads, place)
         };
         if let Some(child) = self.children.get_mut(index) {
             child.phase = Phase::Speaking;
@@ -314,23 +312,22 @@ impl<'a> Run<'a> {
         } = ended;
         let swaps_here = self.swap.as_ref().is_some_and(|swap| swap.place() == place);
         let was_new = self.swap.as_ref().and_then(Swap::new_index) == Some(index);
+        let is_missed = phase != Phase::Leaving && (!was_new || phase == Phase::Speaking);
+        let over = is_missed && place == WORLD && self.episodes_left() == 0;
+        if is_missed {
+            self.screen.warn(&format!("mirror: {} {how}", NAMES[place]));
+            let reason = self.supervisor.bury(&ended, &self.heads);
+            if !over {
+                self.ending.ended_early = reason.or(self.ending.ended_early.take());
+            }
+        }
         if swaps_here {
             self.with_swap(|swap, around| swap.child_ended(index, how, around))?;
+            if self.swap.is_some() {
+                self.supervisor.leave(place);
+            }
         }
-        if phase == Phase::Leaving || (was_new && phase != Phase::Speaking) {
-            return Ok(false);
-        }
-        self.screen.warn(&format!("mirror: {} {how}", NAMES[place]));
-        if place == WORLD && self.episodes_left() == 0 {
-            self.supervisor.bury(&ended, &self.heads);
-            return Ok(true);
-        }
-        if let Some(reason) = self.supervisor.bury(&ended, &self.heads) {
-            self.ending.ended_early = Some(reason);
-        } else if swaps_here && self.swap.is_some() {
-            self.supervisor.is_filled(place); // by the one that stood by
-        }
-        Ok(false)
+        Ok(over)
     }
 
     /// Episodes that a new world could still drive.
@@ -367,6 +364,7 @@ impl<'a> Run<'a> {
         Around {
             launcher: self.launcher,
             children: &mut self.children,
+            supervisor: &mut self.supervisor,
             heads: &self.heads,
             screen: self.screen,
             lost,
@@ -394,6 +392,7 @@ impl<'a> Run<'a> {
 
     fn finish_swap(&mut self, swap: Swap, finished: Finished) -> Result<()> {
         let lost = self.lost();
+        let (place, is_vacant) = (swap.place(), swap.old_is_gone());
         swap.end(&finished, &mut self.around(lost))?;
         match finished {
             Finished::Done(plan, report) => {
@@ -405,7 +404,12 @@ impl<'a> Run<'a> {
                 self.plan = *plan;
                 self.ending.swaps.push(report);
             }
-            Finished::Failed(why) => self.screen.warn(&format!("mirror: no swap: {why}")),
+            Finished::Failed(why) => {
+                self.screen.warn(&format!("mirror: no swap: {why}"));
+                if is_vacant {
+                    self.supervisor.fill(place);
+                }
+            }
         }
         Ok(())
     }

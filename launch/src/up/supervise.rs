@@ -17,7 +17,7 @@
 use super::children::Ended;
 use super::heads::Heads;
 use crate::process::NAMES;
-use runtime::{Position, now_ns};
+use runtime::{ClockMode, Position, now_ns};
 use serde::Serialize;
 
 const MS: u64 = 1_000_000;
@@ -123,10 +123,14 @@ impl Supervisor {
         Some(found)
     }
 
-    /// Somebody else fills the place, such as a process that stood by.
-    pub fn is_filled(&mut self, place: usize) {
+    /// Somebody else will fill the place: the new process of a swap.
+    pub fn leave(&mut self, place: usize) {
         self.places[place].due_ns = None;
-        self.is_back(place);
+    }
+
+    /// Nobody else will after all: it is due now.
+    pub fn fill(&mut self, place: usize) {
+        self.places[place].due_ns = Some(now_ns());
     }
 
     /// A successor was told to go on.
@@ -156,10 +160,18 @@ fn pause_ns(in_a_row: u32) -> u64 {
     }
 }
 
+/// From where on a process speaks whose predecessor died.
+pub fn border_after_death(clock: ClockMode, heads: &Heads, place: usize) -> Position {
+    match clock {
+        ClockMode::Lockstep => last_words(heads, place),
+        ClockMode::RealTime => next_border(heads, place), // nobody waits for what was missed
+    }
+}
+
 /// From where on a process speaks that was started again in lockstep: it repeats its predecessor's last words, for a process that is killed
 /// while it sends has told some and not others. A human model's belief also has a planner that was asking begin again. A
 /// world begins a new episode.
-pub fn last_words(heads: &Heads, place: usize) -> Position {
+fn last_words(heads: &Heads, place: usize) -> Position {
     match (NAMES[place], heads.newest(place)) {
         (_, None) => (0, 0),
         ("world", Some((episode, _))) => (episode + 1, 0),
@@ -167,8 +179,8 @@ pub fn last_words(heads: &Heads, place: usize) -> Position {
     }
 }
 
-/// From where on a process speaks that stood by when its predecessor died, or that was started again in real time: after its
-/// last words. Those who pass over positions in silence cannot go back to them. A human model repeats its last belief, as above.
+/// From where on a process speaks that was started again in real time: after its predecessor's last words. A human model repeats
+/// its last belief, as above.
 pub fn next_border(heads: &Heads, place: usize) -> Position {
     let newest = heads.newest(place);
     match (NAMES[place], newest) {

@@ -7,6 +7,7 @@ use super::children::{Children, Phase};
 use super::door::{Answer, Replacement, Visitor};
 use super::heads::Heads;
 use super::plan::Plan;
+use super::supervise::{Supervisor, border_after_death};
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Result, anyhow};
@@ -74,6 +75,8 @@ enum Stage {
     CatchingUp,
     AskingNew,
     AskingOld,
+    /// The old one died: the new one is asked to go on where it stopped.
+    TakingOver,
     Crossing,
     Settling,
 }
@@ -97,6 +100,7 @@ pub struct Swap {
 pub struct Around<'a> {
     pub launcher: &'a mut Launcher,
     pub children: &'a mut Children,
+    pub supervisor: &'a mut Supervisor,
     pub heads: &'a Heads,
     pub screen: &'a Screen,
     /// Messages that were lost so far, by all that was reported.
@@ -179,6 +183,11 @@ impl Swap {
         self.new
     }
 
+    /// Whether the process that is being replaced has ended.
+    pub fn old_is_gone(&self) -> bool {
+        self.old.is_none()
+    }
+
     fn start(&mut self, around: &mut Around) -> Result<()> {
         let screen = around.screen;
         let index = around
@@ -222,7 +231,7 @@ impl Swap {
             }
             Stage::Starting if waited > START_NS => return failed("not ready in time"),
             Stage::CatchingUp if waited > CATCH_UP_NS => return failed("did not catch up in time"),
-            Stage::AskingNew | Stage::AskingOld if waited > AGREE_NS => {
+            Stage::AskingNew | Stage::AskingOld | Stage::TakingOver if waited > AGREE_NS => {
                 return failed("no answer to the border in time");
             }
             Stage::Crossing => {
@@ -296,6 +305,24 @@ impl Swap {
                     around.launcher.take_over(new, self.border)?;
                 }
             }
+            (Stage::TakingOver, state::BORDER) if index == self.new => {
+                self.report.border = Some(self.border);
+                self.report.agree_ms += self.enter(Stage::Crossing);
+                around.supervisor.is_back(self.place);
+            }
+            (Stage::TakingOver, state::TOO_LATE) if index == self.new => {
+                // It has passed over what its dead predecessor left unsaid, and cannot go back: another one can.
+                self.report.tries += 1;
+                if self.report.tries >= MOST_TRIES {
+                    return Ok(Some(Finished::Failed(
+                        "the old one died, and no new one could go on".to_owned(),
+                    )));
+                }
+                self.send_away(around);
+                if let Err(error) = self.start(around) {
+                    return Ok(Some(Finished::Failed(format!("{error:#}"))));
+                }
+            }
             (Stage::AskingNew | Stage::AskingOld | Stage::Crossing, state::TOO_LATE)
                 if index == self.new || index == self.old =>
             {
@@ -360,10 +387,7 @@ impl Swap {
                 {
                     around.launcher.hand_over(old, NEVER)?;
                 }
-                if let Some(child) = self.new.and_then(|new| around.children.get_mut(new)) {
-                    child.phase = Phase::Leaving;
-                    child.signal(libc::SIGKILL);
-                }
+                self.send_away(around);
                 Answer::Refused(format!("{} stays as it is: {why}", self.report.process))
             }
         };
@@ -424,11 +448,20 @@ impl Swap {
         }
     }
 
+    /// Ends the new process.
+    fn send_away(&mut self, around: &mut Around) {
+        let new = self.new.take();
+        if let Some(child) = new.and_then(|new| around.children.get_mut(new)) {
+            child.phase = Phase::Leaving;
+            child.signal(libc::SIGKILL);
+        }
+    }
+
     /// The old process is gone: the new one goes on where it stopped.
     fn take_over_at_once(&mut self, around: &mut Around) -> Result<()> {
-        self.border = super::supervise::next_border(around.heads, self.place);
-        self.report.border = Some(self.border);
-        self.enter(Stage::Crossing);
+        let clock = around.launcher.arguments().clock;
+        self.border = border_after_death(clock, around.heads, self.place);
+        self.enter(Stage::TakingOver);
         if let Some(new) = self.new {
             self.set_phase(around, Phase::Speaking);
             around.launcher.take_over(new, self.border)?;
