@@ -19,10 +19,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
-/// A scene in which planning takes moments, and something is said now and then.
+/// A scene in which planning takes moments, and something is said now and then; `search_rescue original` is the clear setting.
 fn quick(domain: &str, rate: f64) -> String {
+    let (domain, setting) = domain.split_once(' ').unwrap_or((domain, "transfer"));
     format!(
-        "name = \"quick\"\ndomain = \"{domain}\"\nsetting = \"transfer\"\n\
+        "name = \"quick\"\ndomain = \"{domain}\"\nsetting = \"{setting}\"\n\
          [communication]\nvisual_cost = 0.001\nverbal_cost = 0.001\n\
          [planning]\nhorizon = 2\nsamples = 60\nelites = 12\niterations = 2\n\
          visual_threshold = 0.3\nverbal_threshold = 0.3\n\
@@ -196,7 +197,8 @@ fn recorded(grid: &Grid, drive: &Drive, episode: u32) -> (Vec<Step>, f32) {
 /// Runs two episodes in a set with a human model and a planner, and compares every step with the same in one process.
 fn decides_what_one_process_decides(domain: &str, who: (&str, &str)) {
     let grid = Grid::new(domain, 1.0);
-    let name = instance(&format!("{}-{}-{}", &domain[..4], who.0, who.1));
+    let name = format!("{}{}-{}-{}", &domain[..4], domain.len(), who.0, who.1);
+    let name = instance(&name);
     let (recording, file) = (grid.bench.path("drive.mcap"), grid.bench.path("up.json"));
     let mut command = grid.up(&name, who.0, who.1);
     command
@@ -287,6 +289,13 @@ fn the_ideal_model_in_a_set_is_the_ideal_model_in_one_process() {
     decides_what_one_process_decides("bomb_defusal", ("ideal", "ce"));
 }
 
+/// In clear air searchers hear what is so without an assistant; their imagined selves do, too.
+#[test]
+fn people_who_hear_by_themselves_do_in_a_set_what_they_do_in_one_process() {
+    decides_what_one_process_decides("search_rescue original", ("ideal", "ce"));
+    decides_what_one_process_decides("search_rescue original", ("mirror", "kl"));
+}
+
 /// The person may be the caller's: a recording has them attached, and replays when their file is gone. A recording of another
 /// human model can be asked what theirs would have said.
 #[test]
@@ -317,9 +326,11 @@ fn the_ideal_model_is_replayed_from_the_recording_alone() {
         assert!(output.status.success(), "{}", told(&output));
         summary(&file)
     };
+    std::fs::remove_file(person).unwrap();
     let other = replay("self.mcap", &["--human", "ideal"]);
     assert_eq!(other["now"]["human"], "ideal");
-    std::fs::remove_file(person).unwrap();
+    let learned = replay("ideal.mcap", &["--human", "mirror-p"]);
+    assert_eq!(learned["now"]["human"], "mirror-p");
     let same = replay("ideal.mcap", &[]);
     assert_eq!(same["reproduced"], true);
 }
@@ -450,6 +461,10 @@ fn processes_change_places() {
         assert_eq!(report["ticks_without_answer"], 0, "{report}");
         assert_eq!(report["lost_messages"], 0, "{report}");
     }
+    let mut swap = mirror();
+    let output = run(swap.args(["swap", "planner", "kl", "--instance", &name]));
+    assert!(!output.status.success(), "{}", told(&output));
+    assert!(told(&output).contains("belief matching"));
     live.interrupt();
     assert_eq!(live.wait().code(), Some(1), "interrupted");
     live.assert_all_ended();

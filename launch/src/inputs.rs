@@ -46,6 +46,19 @@ pub fn human(option: &str, text: &str) -> Result<Kind> {
     })
 }
 
+/// Whether this planner can ask this human model.
+///
+/// # Errors
+/// Names both.
+pub fn agree(planner: &str, human: Kind) -> Result<()> {
+    ensure!(
+        planner != PlannerKind::Kl.name() || human.is_self_model(),
+        "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
+        human.name()
+    );
+    Ok(())
+}
+
 /// The way to decide of that name.
 ///
 /// # Errors

@@ -1,7 +1,7 @@
 //! A profile as a table for people.
 
 use super::compare::{Change, Older, Verdict};
-use super::graph::EDGES;
+use super::graph::{EDGES, Edge};
 use super::metrics::{self, Metric, compute_of, hop_of, wait_of};
 use super::result::{Measured, Profile, Trace};
 use crate::process::NAMES;
@@ -195,7 +195,7 @@ fn write_waits(out: &mut String, profile: &Profile) {
             clamped => writeln!(out, "   {clamped} at least 0"),
         };
     };
-    for (place, edge) in EDGES.iter().enumerate() {
+    for (place, edge) in named_edges() {
         if let Some(metric) = profile.metrics.get(&wait_of(place)) {
             write(out, edge.name(), metric);
         }
@@ -207,11 +207,20 @@ fn write_waits(out: &mut String, profile: &Profile) {
         out,
         "  of these, the step's last input: what it costs to be woken and to get a core"
     );
-    for (place, edge) in EDGES.iter().enumerate() {
+    for (place, edge) in named_edges() {
         if let Some(metric) = profile.metrics.get(&hop_of(place)) {
             write(out, edge.name(), metric);
         }
     }
+}
+
+/// Edges whose names no earlier one has: frames and observations go the same ways, and a set has one of them.
+fn named_edges() -> impl Iterator<Item = (usize, &'static Edge)> {
+    let is_first = |(place, edge): &(usize, &Edge)| {
+        let mut earlier = EDGES[..*place].iter();
+        !earlier.any(|other| other.name() == edge.name())
+    };
+    EDGES.iter().enumerate().filter(is_first)
 }
 
 fn write_latencies(out: &mut String, profile: &Profile) {

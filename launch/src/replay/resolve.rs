@@ -33,6 +33,8 @@ pub struct Resolved {
     pub warnings: Vec<String>,
     /// Where implants come from that the recording does not have.
     implants: Implants,
+    /// The simulated person, of a file that the recording has attached.
+    person: Option<Acting>,
 }
 
 enum Implants {
@@ -126,6 +128,9 @@ impl Resolved {
             (None, _) => Implants::Learn,
         };
         human.kind = kind;
+        if arguments.human.is_some() || arguments.planner.is_some() {
+            inputs::agree(method_name(planner.method), kind)?;
+        }
         for process in ["belief", "human", "planner"] {
             let is_replaced = match process {
                 "human" => arguments.human.is_some(),
@@ -162,6 +167,7 @@ impl Resolved {
             differences,
             warnings,
             implants,
+            person: None,
         })
     }
 
@@ -170,6 +176,16 @@ impl Resolved {
     /// # Errors
     /// Names the file that cannot be used, or what is missing to learn from.
     pub fn provide(&mut self, drive: &Drive, directory: &Path) -> Result<()> {
+        let person = directory.join("person.toml");
+        if self.detach(PERSON, drive, &person)? {
+            self.person = Some(Acting::File(person));
+        } else if self.setup.files.contains_key(PERSON) {
+            let recording = drive.parts[0].file.display();
+            bail!("{recording}: has no attachment \"{PERSON}\", the simulated person's file");
+        }
+        if self.human.person.is_some() && self.person.is_some() {
+            self.human.person.clone_from(&self.person);
+        }
         let path = directory.join("implants.safetensors");
         self.human.implants = match &self.implants {
             Implants::None => None,
@@ -186,10 +202,6 @@ impl Resolved {
                 Some(path)
             }
         };
-        let person = directory.join("person.toml");
-        if self.detach(PERSON, drive, &person)? && self.human.person.is_some() {
-            self.human.person = Some(Acting::File(person));
-        }
         self.human.load()?;
         Ok(())
     }
@@ -234,7 +246,9 @@ impl Resolved {
         };
         let who = match driver.place {
             driver::Place::Highway(seat) => Who::Driving(seat.person),
-            driver::Place::Gridworld(role) => Who::Acting(role.person),
+            driver::Place::Gridworld(role) => {
+                Who::Acting(self.person.clone().unwrap_or(role.person))
+            }
         };
         if let Who::Driving(Driving::Recorded(_)) = who {
             bail!(

@@ -1,5 +1,6 @@
 //! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
 
+use crate::place::Who;
 use crate::process::NAMES;
 use crate::up::plan::Plan;
 use anyhow::{Context, Result};
@@ -13,7 +14,7 @@ pub const SELF_MODEL: &str = "self-model";
 /// Name of what was learned of the person: attached, because `mirror up` learns it anew at every start.
 pub const IMPLANTS: &str = "implants";
 
-/// Name of the file of the simulated person whose own model is asked: attached, for it is the caller's.
+/// Name of the simulated person's file, where it is the caller's: attached, for human models learn from them.
 pub const PERSON: &str = "person";
 
 /// What to write at the head of a recording.
@@ -37,7 +38,7 @@ pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
     if let Some(path) = &human.implants {
         files.insert(IMPLANTS.to_owned(), identify(path, true)?);
     }
-    if let Some(Acting::File(path)) = &human.person {
+    if let Who::Acting(Acting::File(path)) = &plan.driver.who {
         files.insert(PERSON.to_owned(), identify(path, true)?);
     }
     let clock = match plan.clock {

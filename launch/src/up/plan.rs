@@ -27,6 +27,8 @@ pub struct Plan {
     pub driver: NamedPerson,
     /// The model of the person.
     pub human: Kind,
+    /// Whose own model `ideal` is: who drove when the human model was chosen.
+    pub modelled: Who,
     /// How to decide.
     pub planner: PlannerKind,
     /// Settings of the planner.
@@ -75,11 +77,7 @@ impl Plan {
             &driver.who,
             &self_model.1,
         )?;
-        ensure!(
-            arguments.planner != PlannerKind::Kl || human.is_self_model(),
-            "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
-            human.name()
-        );
+        inputs::agree(arguments.planner.name(), human)?;
         let option = |name, path: &Option<PathBuf>| {
             path.as_deref()
                 .map(|path| inputs::writable(name, path))
@@ -88,6 +86,7 @@ impl Plan {
         Ok(Self {
             settings,
             human,
+            modelled: driver.who.clone(),
             self_model,
             implants,
             planner: arguments.planner,
@@ -163,6 +162,7 @@ impl Plan {
         match name {
             "human" => {
                 changed.human = inputs::human("swap human", kind)?;
+                changed.modelled = self.driver.who.clone();
                 changed.implants = learned::implants(
                     asked.implants.as_deref(),
                     changed.human,
@@ -175,6 +175,10 @@ impl Plan {
             }
             "driver" => changed.driver = place::who(kind, &self.scene)?,
             _ => bail!("swap {name} {kind}: there is only `same`, or another program by --exec"),
+        }
+        let is_ours = |name: &str| !changed.exec.contains_key(name);
+        if is_ours("human") && is_ours("planner") {
+            inputs::agree(changed.planner.name(), changed.human)?;
         }
         Ok(changed)
     }
@@ -230,7 +234,7 @@ impl Plan {
                     ImplantSource::File(path) => Some(path.clone()),
                     ImplantSource::Learn(_) => bail!("the human model has not learned yet"),
                 },
-                person: match &self.driver.who {
+                person: match &self.modelled {
                     Who::Acting(person) if self.human == Kind::Ideal => Some(person.clone()),
                     _ => None,
                 },

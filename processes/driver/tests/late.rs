@@ -54,8 +54,8 @@ fn others(arguments: &RunArguments, scene: &Scene) -> Result<([u32; 3], u32)> {
     done[1] = act(&mut node, 1)?;
     // Nothing is shown any more, and what the person knew of the terminals went with the press.
     world.step(WAIT);
-    send(2, &world)?;
     displays.send_with(Stamp::sensed(0, 2), |_| {})?;
+    send(2, &world)?;
     done[2] = act(&mut node, 2)?;
     node.finish()?;
     Ok((done, right))

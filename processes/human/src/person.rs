@@ -308,11 +308,9 @@ impl<S: Senses> Person<S> {
         {
             *bits = Communicated(*asked);
         }
-        // Without a word to anybody, all of this is masked.
-        if self.communicated[..rows]
-            .iter()
-            .any(|bits| bits.verbal_bits() != 0)
-        {
+        // Without a word to anybody, all of this is masked, if people hear nobody else.
+        let mut told = self.communicated[..rows].iter();
+        if self.senses.hears() || told.any(|bits| bits.verbal_bits() != 0) {
             let numbers = verbal.data().len();
             verbal
                 .data_mut()

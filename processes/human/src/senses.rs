@@ -17,6 +17,11 @@ pub trait Senses {
     /// What [`Sensed::measure`] must be.
     fn measure(&self) -> [u32; 3];
 
+    /// Whether people hear words without an assistant, too.
+    fn hears(&self) -> bool {
+        false
+    }
+
     /// Writes the observation into column 0; gives what of it was shown and said.
     fn take_in(
         &self,
@@ -93,6 +98,10 @@ impl Senses for GridSenses {
             ..
         } = *self.layout;
         [domain.number(), visual as u32, verbal as u32]
+    }
+
+    fn hears(&self) -> bool {
+        self.layout.heard != 0
     }
 
     fn take_in(

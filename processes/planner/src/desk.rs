@@ -25,6 +25,8 @@ pub struct Desk {
     probability: Vec<f32>,
     /// So many of them are visual.
     visual_items: usize,
+    /// Whether people hear words without an assistant.
+    hears: bool,
 }
 
 /// The planners and their world models.
@@ -73,7 +75,13 @@ impl Desk {
             plan: Plan::default(),
             probability: vec![0.0; items.count()],
             visual_items: items.visual_items(),
+            hears: items.hears(),
         }
+    }
+
+    /// Whether people hear words without an assistant.
+    pub fn hears(&self) -> bool {
+        self.hears
     }
 
     /// Dimensions of a belief.

@@ -244,6 +244,7 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
                 client: &mut client,
                 stamp,
                 patience_ns,
+                hears: desk.hears(),
                 waiting: &mut waiting,
                 successor: lockstep.then_some(&mut human),
             };

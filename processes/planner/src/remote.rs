@@ -45,6 +45,8 @@ pub struct RemotePeople<'a> {
     pub stamp: Stamp,
     /// How long an answer may take; none waits as long as the run lasts (lockstep).
     pub patience_ns: Option<u64>,
+    /// Whether people hear words without an assistant.
+    pub hears: bool,
     /// Answers not fetched yet.
     pub waiting: &'a mut Waiting,
     /// In lockstep, where a human model that has taken the place of a dead one repeats this step's belief.
@@ -141,6 +143,7 @@ impl ImaginedPeople for RemotePeople<'_> {
         seed: u64,
     ) -> Result<(), PeopleError> {
         let rows = observations.batch();
+        let hears = self.hears;
         self.send(group, rows, |question| {
             question.phase = 1;
             question.seed = seed;
@@ -151,8 +154,8 @@ impl ImaginedPeople for RemotePeople<'_> {
             let Observations { visual, verbal } = observations;
             show(question, visual);
             question.verbal_width = verbal.rows() as u32;
-            // Without a word to anybody, all of this is masked.
-            if communicated.iter().any(|bits| bits.verbal_bits() != 0) {
+            // Without a word to anybody, all of this is masked, if people hear nobody else.
+            if hears || communicated.iter().any(|bits| bits.verbal_bits() != 0) {
                 say(question, verbal);
             }
         })

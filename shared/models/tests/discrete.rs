@@ -424,6 +424,53 @@ fn the_ideal_model_follows_the_person() {
     }
 }
 
+/// Where chance decides what they notice, and where they are heading is in their head, the model guesses; what they then do corrects it:
+/// nobody is long held for impossible.
+#[test]
+fn the_ideal_model_learns_from_what_people_do() {
+    for domain in [Domain::SearchRescue, Domain::BombDefusal] {
+        let (mut person, mut model) = ideal(domain);
+        let mut world = world(domain);
+        let layout = world.layout().clone();
+        let mut observations = Observations::new(&self_model(domain).shape(), 1);
+        let mut beliefs = Beliefs::new(model.latent(), 1);
+        let mut expected = model.distribution(1);
+        let mut noise = Tensor::new(model.noise_rows(), 1);
+        let (mut moments, mut longest) = (0, 0);
+        for episode in 0..30 {
+            world.reset(4, episode, episode);
+            person.reset(4, episode);
+            beliefs.reset();
+            let mut in_a_row = 0;
+            let mut actions = Tensor::new(layout.actions, 1);
+            while world.end().is_running() {
+                let Observations { visual, verbal } = &mut observations;
+                world.observe(visual.column_mut(0), verbal.column_mut(0));
+                let seen = person.look(visual.column(0));
+                person.perceive(visual.column(0), verbal.column(0), seen);
+                nn::noise::fill(noise.data_mut(), u64::from(episode), moments);
+                let nothing = [Communicated::default()];
+                let chance = Some(noise.data());
+                model.perceive(&mut beliefs, &actions, &observations, &nothing, chance);
+                model.act(&beliefs, &mut expected);
+                let action = person.act();
+                let surprised = expected.log_probability.column(0)[action] < -10.0;
+                in_a_row = if surprised { in_a_row + 1 } else { 0 };
+                longest = longest.max(in_a_row);
+                moments += 1;
+                actions.fill(0.0);
+                actions.column_mut(0)[action] = 1.0;
+                world.step(action);
+            }
+        }
+        // A defuser may be taken to have noticed at one step, and again at the next.
+        assert!(
+            moments > 100 && longest <= 4,
+            "{domain:?}: {longest} of {moments}"
+        );
+    }
+}
+
 /// What the person neither sees nor is told may be anything to their own model, too.
 #[test]
 fn the_ideal_model_reads_no_more_than_the_person() {

@@ -26,6 +26,10 @@ impl Items for Arc<Layout> {
         self.communicable.into()
     }
 
+    fn hears(&self) -> bool {
+        self.heard != 0
+    }
+
     /// All of them: a step of a gridworld is long.
     fn spoken_at_once(&self) -> u32 {
         self.utterances as u32

@@ -18,6 +18,8 @@ use nn::{Tensor, noise};
 pub struct Imagination<M: WorldModel = SelfModel> {
     group: usize,
     rows: usize,
+    /// Whether people hear words without an assistant.
+    hears: bool,
     z: Tensor,
     actions: Tensor,
     observations: Observations,
@@ -40,12 +42,13 @@ pub struct Stage {
 }
 
 impl<M: WorldModel> Imagination<M> {
-    /// Room for `rows` futures.
-    pub fn new(model: &M, group: usize, rows: usize) -> Self {
+    /// Room for `rows` futures; `hears`: whether people hear words without an assistant.
+    pub fn new(model: &M, group: usize, rows: usize, hears: bool) -> Self {
         let (latent, shape) = (model.latent(), model.shape());
         Self {
             group,
             rows,
+            hears,
             z: Tensor::new(latent, rows),
             actions: Tensor::new(shape.action, rows),
             observations: Observations::new(&shape, rows),
@@ -108,7 +111,7 @@ impl<M: WorldModel> Imagination<M> {
             let Observations { visual, verbal } = &mut self.observations;
             model.visual(&mut self.scratch, &self.z, visual);
             // What nobody is told need not be imagined: the mask hides what stands there from an earlier step.
-            if communicated.iter().any(|c| c.verbal_bits() != 0) {
+            if self.hears || communicated.iter().any(|c| c.verbal_bits() != 0) {
                 model.verbal(&mut self.scratch, &self.z, verbal);
             }
             people.ask(self.group, &self.observations, communicated, stage.seed)?;

@@ -18,6 +18,11 @@ pub trait Items {
     /// Utterances that can be spoken at one moment.
     fn spoken_at_once(&self) -> u32;
 
+    /// Whether people hear words without an assistant, too: then what could be said matters even where nothing is.
+    fn hears(&self) -> bool {
+        false
+    }
+
     /// C(ω) of one decision.
     fn cost(&self, settings: &Settings, communicated: Communicated) -> f32;
 

@@ -277,13 +277,13 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
     /// A planner for this world model and these items. Settings must have no [`Settings::problem`].
     pub fn with_items(settings: Settings, model: &M, items: I) -> Self {
         let rows = settings.samples / GROUPS;
-        let bits = settings.horizon * items.count();
+        let (bits, hears) = (settings.horizon * items.count(), items.hears());
         Self {
             settings,
             items,
             population: Population::new(settings.candidates(), bits),
             groups: (0..GROUPS)
-                .map(|group| Imagination::new(model, group, rows))
+                .map(|group| Imagination::new(model, group, rows, hears))
                 .collect(),
             communicated: vec![Communicated::default(); rows],
             values: vec![0.0; settings.samples],

@@ -120,6 +120,10 @@ impl Mind for Defuser {
         }
     }
 
+    fn observed(&mut self, _: usize) {
+        self.live = None; // who knows the live terminal presses; who waits does not know it
+    }
+
     fn memory_len(&self) -> usize {
         2
     }

@@ -85,6 +85,7 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         verbal_utterance: vec![0; width],
         regions: TERMINALS,
         utterances: 1,
+        heard: 0,
         communicable: Mask {
             visual: 0x3f,
             verbal: 1,

@@ -57,6 +57,8 @@ pub struct Layout {
     pub regions: usize,
     /// Utterances.
     pub utterances: usize,
+    /// Utterances that people hear without an assistant, a bit each.
+    pub heard: u32,
     /// What can be communicated: the display cannot show every region.
     pub communicable: Mask,
     /// Showing n regions at once costs this times n².

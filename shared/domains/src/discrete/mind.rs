@@ -39,6 +39,12 @@ pub trait Mind: Send {
     /// Tells them what they did, in place of [`act`](Mind::act): where the real person's action is known.
     fn acted(&mut self, action: usize);
 
+    /// As [`acted`](Mind::acted), for a model of the person, which may have taken them to know, or to want, what they would not have
+    /// done this by: that is dropped.
+    fn observed(&mut self, action: usize) {
+        self.acted(action);
+    }
+
     /// How many numbers hold their memory.
     fn memory_len(&self) -> usize;
 
@@ -184,6 +190,10 @@ impl Mind for SimulatedPerson {
 
     fn acted(&mut self, action: usize) {
         each!(self, person => person.acted(action))
+    }
+
+    fn observed(&mut self, action: usize) {
+        each!(self, person => person.observed(action))
     }
 
     fn memory_len(&self) -> usize {

@@ -65,6 +65,7 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
         verbal_utterance: (0..VERBAL as u8).map(|i| i / 2).collect(),
         regions: CARS,
         utterances: CARS,
+        heard: 0,
         communicable: Mask {
             visual: 0b0011,
             verbal: 0b1111,

@@ -19,7 +19,7 @@ pub use scene::{Reward, Scene, Smoke};
 pub use searcher::Searcher;
 pub use world::World;
 
-use crate::discrete::{Domain, Image, Layout, Mask};
+use crate::discrete::{Domain, Image, Layout, Mask, Setting};
 
 /// Rows and columns of the map.
 pub const SIZE: usize = 9;
@@ -78,6 +78,14 @@ pub fn visible(radius: f32, visual: &[f32]) -> u32 {
     })
 }
 
+/// Utterances that people hear without an assistant, a bit each: in clear air, all.
+pub(crate) fn heard(setting: Setting) -> u32 {
+    match setting {
+        Setting::Original => (1 << UTTERANCES) - 1,
+        Setting::Transfer => 0,
+    }
+}
+
 /// The layout of a scene whose utterances have `width` numbers each.
 pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
     let mut visual_region: Vec<Option<u8>> = (0..IMAGE)
@@ -101,6 +109,7 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         verbal_utterance: (0..UTTERANCES * width).map(|i| (i / width) as u8).collect(),
         regions: PORTIONS,
         utterances: UTTERANCES,
+        heard: heard(scene.setting),
         communicable: Mask {
             visual: 0x1ff,
             verbal: 0x1f,

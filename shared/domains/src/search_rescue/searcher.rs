@@ -44,10 +44,10 @@ impl Searcher {
     /// If `words` has more or fewer vectors than there are sentences.
     pub fn new(person: &Person, scene: &Scene, words: &Words) -> Result<Self, WordsError> {
         words.expect(SENTENCES.len())?;
-        let (radius, heard) = match scene.setting {
+        let radius = match scene.setting {
             // Farther than any two cells of the map are apart.
-            Setting::Original => (2.0 * super::SIZE as f32, (1 << UTTERANCES) - 1),
-            Setting::Transfer => (scene.smoke.radius_cells as f32, 0),
+            Setting::Original => 2.0 * super::SIZE as f32,
+            Setting::Transfer => scene.smoke.radius_cells as f32,
         };
         Ok(Self {
             searching: person.searching,
@@ -55,7 +55,7 @@ impl Searcher {
             slip: person.slip,
             sight: Sight {
                 perception: Perception::Radius(radius),
-                heard,
+                heard: super::heard(scene.setting),
             },
             words: words.clone(),
             random: random(0, 0, STREAM),
@@ -121,8 +121,8 @@ impl Searcher {
         out
     }
 
-    /// Probabilities of the directions on the way to a subgoal.
-    fn directions(&self, target: Option<usize>) -> [f32; 4] {
+    /// Directions that are open, and those of them that lead nearer to a subgoal, a bit each; all, where none does.
+    fn ways(&self, target: Option<usize>) -> (u8, u8) {
         let closed = self.blocked_bits();
         let open = |action: usize| {
             neighbour(self.position, action).is_some_and(|next| {
@@ -141,6 +141,12 @@ impl Searcher {
         if nearer == 0 {
             nearer = ways; // nothing to go to, by what they know: they wander
         }
+        (ways, nearer)
+    }
+
+    /// Probabilities of the directions on the way to a subgoal.
+    fn directions(&self, target: Option<usize>) -> [f32; 4] {
+        let (ways, nearer) = self.ways(target);
         let share = |bits: u8, action: usize| {
             f32::from(bits >> action & 1) / (bits.count_ones().max(1)) as f32
         };
@@ -288,6 +294,14 @@ impl Mind for Searcher {
                 self.target = Some(draw(&weights, &mut self.random));
             }
         }
+    }
+
+    fn observed(&mut self, action: usize) {
+        let (_, nearer) = self.ways(self.target);
+        if nearer >> action.min(3) & 1 == 0 {
+            self.target = None; // they are heading elsewhere
+        }
+        self.acted(action);
     }
 
     fn memory_len(&self) -> usize {

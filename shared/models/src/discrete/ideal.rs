@@ -70,7 +70,12 @@ impl HumanModel for IdealHuman {
                 .reseed(u64::from(chance.to_bits()), 0, PERCEIVING);
             if !beliefs.fresh {
                 self.person.read_memory(&z[..memory]);
-                self.person.acted(largest(actions.column(j)));
+                let action = largest(actions.column(j));
+                // Where nothing is known to have been done, cars have moved nonetheless; 0 is to keep one's lane.
+                let is_driver = matches!(self.person, SimulatedPerson::Driving(_));
+                if actions.column(j)[action] > 0.0 || is_driver {
+                    self.person.observed(action);
+                }
             }
             let (visual, verbal) = (observations.visual.column(j), observations.verbal.column(j));
             // 4: x̌ = h_p(x̂)   5: û = w_ω(x̂)   6: x̊ = v(x̌, û)   7: z^H
