@@ -479,7 +479,11 @@ fn gridworlds_are_profiled_too() {
     let profile = json(&out.join("profile.json"));
     let counts = &profile["counts"];
     assert!(counts["steps"].as_u64().unwrap() > 20, "{counts}");
-    assert_eq!(counts["incomplete_steps"], 0, "{counts}");
+    // Watching begins and ends within a step.
+    assert!(
+        counts["incomplete_steps"].as_u64().unwrap() <= 2,
+        "{counts}"
+    );
     let metrics = profile["metrics"].as_object().unwrap();
     for name in [
         "tick",
