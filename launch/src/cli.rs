@@ -26,6 +26,16 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+    /// Compute with vectors of so many numbers (1, 4, 8, 16), emulated where the machine has none, in place of the widest that
+    /// it has: slower, with the same results to the last bit
+    #[arg(
+        long,
+        global = true,
+        value_name = "N",
+        default_value = "widest",
+        hide_default_value = true
+    )]
+    pub vectors: nn::vectors::Vectors,
 }
 
 /// What to do.

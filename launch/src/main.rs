@@ -10,6 +10,7 @@ mod gridworld;
 mod inputs;
 mod learn;
 mod learned;
+mod own;
 mod place;
 mod process;
 mod profile;
@@ -27,7 +28,8 @@ use std::process::ExitCode;
 static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
 fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { command, vectors } = Cli::parse();
+    nn::vectors::choose(vectors);
     // Whoever only prints ends quietly with its reader (`mirror doctor | head`); who runs a set, or talks to one, goes on without.
     let goes_on = matches!(
         command,

@@ -47,7 +47,9 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
                 lived.episode_reward, lived.loss
             ),
         );
-        if trainer.episode % CHECKPOINT_EPISODES == 0
+        // The first, too, so that a run that ends soon can be continued.
+        if trainer.episode == 1
+            || trainer.episode % CHECKPOINT_EPISODES == 0
             || trainer.episode == trainer.settings.episodes
         {
             trainer

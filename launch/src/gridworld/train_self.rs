@@ -43,7 +43,8 @@ pub fn train_self(arguments: &TrainSelfArguments, domain: Domain) -> Result<Exit
             phase.loss
         );
         progress.at(u64::from(trainer.phase), &word);
-        if trainer.phase.is_multiple_of(every) || trainer.is_done() {
+        // The first, too, so that a run that ends soon can be continued.
+        if trainer.phase == 1 || trainer.phase.is_multiple_of(every) || trainer.is_done() {
             trainer
                 .save(&checkpoint, &command_line())
                 .map_err(anyhow::Error::from)?;

@@ -2,13 +2,14 @@
 
 use crate::cli::{Clock, PlannerKind, UpArguments};
 use crate::failure::Failure;
+use crate::own;
 use anyhow::{Context, Result, anyhow};
 use runtime::instance::{default_root, nodes};
 use runtime::{ClockMode, Observer, RunArguments, list_instances, now_ns};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 /// How long a set may take until its launcher is there.
@@ -59,7 +60,7 @@ pub fn start(
     instance: &str,
     endless: bool,
 ) -> Result<(Started, Observer), Failure> {
-    let mut command = Command::new(std::env::current_exe().context("finding our own executable")?);
+    let mut command = own::command();
     command
         .arg("up")
         .args(up_options(arguments, instance, endless));

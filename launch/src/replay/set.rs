@@ -1,6 +1,7 @@
 //! The four processes of a replay: the replayer in place of world, driver and renderer, and the three that are asked.
 
 use super::resolve::Resolved;
+use crate::own;
 use crate::screen::Screen;
 use anyhow::{Context, Result, bail};
 use runtime::{Launcher, LauncherWake, now_ns, process_descriptor, text_of};
@@ -8,7 +9,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::thread::JoinHandle;
 
 /// In launch order; a process's place is its index in messages.
@@ -59,17 +60,16 @@ impl Set {
             let file = arguments
                 .write()
                 .with_context(|| format!("arguments of {name}"))?;
-            let mut child =
-                Command::new(std::env::current_exe().context("finding our own executable")?)
-                    .arg("process")
-                    .arg(file)
-                    .stdin(Stdio::null())
-                    .stdout(Stdio::null())
-                    .stderr(Stdio::piped())
-                    // Ctrl-C reaches the launcher alone, which ends the others.
-                    .process_group(0)
-                    .spawn()
-                    .with_context(|| format!("starting {name}"))?;
+            let mut child = own::command()
+                .arg("process")
+                .arg(file)
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped())
+                // Ctrl-C reaches the launcher alone, which ends the others.
+                .process_group(0)
+                .spawn()
+                .with_context(|| format!("starting {name}"))?;
             if let Some(err) = child.stderr.take() {
                 let screen = screen.clone();
                 set.readers.push(forward(err, move |line| {

@@ -1,6 +1,7 @@
 //! The processes of a run, as operating-system processes: started, watched, ended.
 
 use super::plan::Plan;
+use crate::own;
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Context, Result};
@@ -336,9 +337,8 @@ fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command>
             command
         }
         None => {
-            // Not the path, which may by now hold another build, whose messages may differ.
-            let mut command = Command::new("/proc/self/exe");
-            command.arg0("mirror").arg("process").arg(file);
+            let mut command = own::command();
+            command.arg("process").arg(file);
             command
         }
     })

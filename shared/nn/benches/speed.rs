@@ -3,7 +3,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Par};
+use faer::{Accum, MatMut, MatRef, Par};
 use nn::{
     Activation, Adam, Arena, Gradients, Gru, GruScratch, Mlp, MlpScratch, Parameters, Tape, Tensor,
     noise,
@@ -44,8 +44,10 @@ fn inference(c: &mut Criterion) {
     group.throughput(Throughput::Elements(operations(&[128, 128], 1000)));
     group.bench_function("faer's product alone/1000", |b| {
         b.iter(|| {
-            let (w, x) = (w.as_faer(), black_box(&x).as_faer());
-            matmul(y.as_faer_mut(), Accum::Replace, w, x, 1.0, Par::Seq);
+            let w = MatRef::from_column_major_slice(w.data(), 128, 128);
+            let x = MatRef::from_column_major_slice(black_box(&x).data(), 128, 1000);
+            let y = MatMut::from_column_major_slice_mut(y.data_mut(), 128, 1000);
+            matmul(y, Accum::Replace, w, x, 1.0, Par::Seq);
         });
     });
     let gru = Gru::new(&mut p, "gru", 128, 128, rng);

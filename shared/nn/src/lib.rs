@@ -1,6 +1,6 @@
 //! Reverse-mode differentiation in f32, made for batches of small networks.
 //!
-//! Every matrix is features × batch, column-major and contiguous, and can be seen as faer's: one column is one sample.
+//! Every matrix is features × batch, column-major and contiguous: one column is one sample.
 //! Products go through a kernel of our own whose result for a column does not depend on the batch around it. Inference
 //! ([`Mlp::infer`], [`Gru::infer`]) needs no tape. Learning records operations on a [`Tape`], whose memory (an [`Arena`]) is
 //! reused from step to step, and reads gradients from [`Gradients`]. Everything inside is sequential and
@@ -20,6 +20,7 @@ mod parameters;
 mod product;
 mod tape;
 mod tensor;
+pub mod vectors;
 
 pub use adam::Adam;
 pub use gru::{Gru, GruScratch};

@@ -3,7 +3,7 @@
 //! The number at a place depends only on (seed, stream, place): a longer fill begins with a shorter one's bytes.
 
 use crate::kernels::vectorised;
-use crate::math::{ln, sin_cos_turns};
+use crate::math::{larger, ln, sin_cos_turns};
 use pulp::{Simd, WithSimd};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -58,7 +58,7 @@ impl WithSimd for BoxMuller<'_> {
             let u = (words[i] as f32).mul_add(UNIT, 0.5 * UNIT);
             // 24 bits, exactly representable.
             let turns = (words[HALF + i] >> 8) as f32 * (256.0 * UNIT);
-            let radius = (-2.0 * ln(u)).max(0.0).sqrt();
+            let radius = larger(0.0, -2.0 * ln(u)).sqrt();
             let (sine, cosine) = sin_cos_turns(turns);
             cosines[i] = radius * cosine;
             sines[i] = radius * sine;

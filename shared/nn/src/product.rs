@@ -5,8 +5,8 @@
 //! and an input given in blocks gives what it gives whole. At the sizes here (inner dimensions up to some hundreds)
 //! this kernel also outruns the general product of faer (`benches/speed.rs` measures both).
 
-use crate::kernels::vectorised;
-use pulp::{Simd, WithSimd};
+use crate::vectors::{self, Vectors};
+use pulp::{Scalar128b, Scalar256b, Scalar512b, Simd, WithSimd};
 
 /// y ← (y +) W x for W out × in and x in × batch, all column-major.
 pub(crate) fn weight_times(
@@ -83,6 +83,10 @@ struct Product<'a> {
 }
 
 fn product(p: Product) {
+    product_with(vectors::chosen(), p);
+}
+
+fn product_with(vectors: Vectors, p: Product) {
     if p.rows == 0 || p.cols == 0 {
         return;
     }
@@ -97,7 +101,13 @@ fn product(p: Product) {
     assert!(p.a.len() >= p.rows * p.depth, "left side of a product");
     let last = (p.depth - 1) * p.b_down + (p.cols - 1) * p.b_right;
     assert!(p.b.len() > last, "right side of a product");
-    vectorised(p);
+    let arch = vectors::arch(vectors);
+    match vectors {
+        Vectors::Lanes4 => arch.dispatch(Emulated(Scalar128b, p)),
+        Vectors::Lanes8 if !vectors::has_lanes(8) => arch.dispatch(Emulated(Scalar256b, p)),
+        Vectors::Lanes16 if !vectors::has_lanes(16) => arch.dispatch(Emulated(Scalar512b, p)),
+        _ => arch.dispatch(p),
+    }
 }
 
 /// Inner dimension taken at a time, so that a panel of A (64 × 128 numbers, 32 KiB) stays in the first-level cache. The
@@ -108,12 +118,28 @@ impl WithSimd for Product<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // As many sums as registers hold: 32 with 16 or 4 lanes, 16 with 8.
-        if S::F32_LANES == 8 {
-            panels::<S, 2>(simd, self);
-        } else {
-            panels::<S, 4>(simd, self);
-        }
+        run(simd, self)
+    }
+}
+
+/// A product with vectors of a width that the machine may not have.
+struct Emulated<'a, E>(E, Product<'a>);
+
+impl<E: Simd> WithSimd for Emulated<'_, E> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        run(self.0, self.1)
+    }
+}
+
+#[inline(always)]
+fn run<S: Simd>(simd: S, p: Product) {
+    // As many sums as registers hold, beside MR numbers of A and one of B: with AVX2 there are 16, else 32.
+    if S::F32_LANES == 8 {
+        panels::<S, 3, 4>(simd, p);
+    } else {
+        panels::<S, 4, WIDTH>(simd, p);
     }
 }
 
@@ -135,13 +161,17 @@ struct Tile {
     last: usize,
 }
 
-/// Columns of a tile, at most.
+/// Columns of the widest tile.
 const WIDTH: usize = 6;
 /// Lanes of the widest vectors.
 const MOST_LANES: usize = 16;
 
+/// Y in panels of at most MR vectors of rows, each in tiles of at most NR columns.
 #[inline(always)]
-fn panels<S: Simd, const MR: usize>(simd: S, p: Product) {
+fn panels<S: Simd, const MR: usize, const NR: usize>(simd: S, p: Product) {
+    // Of three vectors or more a panel, spreading leaves none with a single one: `vectors` > MR (count − 1) gives
+    // `vectors` ≥ 2 count for every count above 1.
+    const { assert!(MR >= 3 && NR <= WIDTH && S::F32_LANES <= MOST_LANES) };
     let lanes = S::F32_LANES;
     if p.rows < lanes {
         return narrow(simd, p);
@@ -155,11 +185,16 @@ fn panels<S: Simd, const MR: usize>(simd: S, p: Product) {
         let size = (vectors - vector).div_ceil(count - panel);
         let row = vector * lanes;
         let last = ((size - 1) * lanes).min(p.rows - lanes - row);
+        assert!(
+            row + last + lanes <= p.rows && (size - 1) * lanes < last + lanes,
+            "rows {row} + {last} + {lanes} of {}, in {size} vectors",
+            p.rows
+        );
         let mut k = 0;
         while k < p.depth {
             let depth = DEPTH.min(p.depth - k);
-            // SAFETY: rows `row .. row + last + lanes` are within `rows`, columns within `cols`, and the inner indices
-            // `k .. k + depth` within `depth`; `product` has checked that all of these lie in the slices.
+            // SAFETY: rows `row .. row + last + lanes` are within `rows` (asserted above), columns within `cols`, and the
+            // inner indices `k .. k + depth` within `depth`; `product_with` has checked that all of these lie in the slices.
             unsafe {
                 let tile = Tile {
                     y: p.y.as_mut_ptr().add(row),
@@ -174,10 +209,10 @@ fn panels<S: Simd, const MR: usize>(simd: S, p: Product) {
                     last,
                 };
                 match size {
-                    1 => columns::<S, 1>(simd, tile, p.cols),
-                    2 => columns::<S, 2>(simd, tile, p.cols),
-                    3 if MR > 2 => columns::<S, 3>(simd, tile, p.cols),
-                    _ => columns::<S, MR>(simd, tile, p.cols),
+                    1 => columns::<S, 1, NR>(simd, tile, p.cols),
+                    2 => columns::<S, 2, NR>(simd, tile, p.cols),
+                    3 => columns::<S, 3, NR>(simd, tile, p.cols),
+                    _ => columns::<S, MR, NR>(simd, tile, p.cols),
                 }
             }
             k += depth;
@@ -223,7 +258,7 @@ fn narrow<S: Simd>(simd: S, p: Product) {
                     replace,
                     last: 0,
                 };
-                columns::<S, 1>(simd, tile, width);
+                columns::<S, 1, WIDTH>(simd, tile, width);
             }
             for (from, to) in y.chunks_exact(lanes).zip(out.chunks_exact_mut(p.rows)) {
                 to[..p.rows].copy_from_slice(&from[..p.rows]);
@@ -239,7 +274,7 @@ fn narrow<S: Simd>(simd: S, p: Product) {
 /// # Safety
 /// As for [`tile`], for `cols` columns.
 #[inline(always)]
-unsafe fn columns<S: Simd, const MR: usize>(simd: S, at: Tile, cols: usize) {
+unsafe fn columns<S: Simd, const MR: usize, const NR: usize>(simd: S, at: Tile, cols: usize) {
     let mut j = 0;
     while j < cols {
         // SAFETY: `j < cols`, and the tile's width is at most `cols - j`.
@@ -253,12 +288,12 @@ unsafe fn columns<S: Simd, const MR: usize>(simd: S, at: Tile, cols: usize) {
                 1 => tile::<S, MR, 1>(simd, here),
                 2 => tile::<S, MR, 2>(simd, here),
                 3 => tile::<S, MR, 3>(simd, here),
-                4 => tile::<S, MR, 4>(simd, here),
-                5 => tile::<S, MR, 5>(simd, here),
-                _ => tile::<S, MR, WIDTH>(simd, here),
+                4 if NR > 4 => tile::<S, MR, 4>(simd, here),
+                5 if NR > 5 => tile::<S, MR, 5>(simd, here),
+                _ => tile::<S, MR, NR>(simd, here),
             }
         }
-        j += WIDTH;
+        j += NR;
     }
 }
 
@@ -341,35 +376,100 @@ mod tests {
         y
     }
 
+    /// Numbers between guards: what reads past them takes in a NaN, what writes past them is found out.
+    struct Guarded(Vec<f32>);
+
+    impl Guarded {
+        const GUARD: usize = 64;
+        const PATTERN: u32 = 0x7fc0_dead;
+
+        fn new(numbers: &[f32]) -> Self {
+            let guard = [f32::from_bits(Self::PATTERN); Self::GUARD];
+            Self([&guard[..], numbers, &guard[..]].concat())
+        }
+
+        fn numbers(&mut self) -> &mut [f32] {
+            let end = self.0.len() - Self::GUARD;
+            &mut self.0[Self::GUARD..end]
+        }
+
+        fn is_whole(&self) -> bool {
+            let end = self.0.len() - Self::GUARD;
+            let guards = self.0[..Self::GUARD].iter().chain(&self.0[end..]);
+            guards.map(|x| x.to_bits()).all(|x| x == Self::PATTERN)
+        }
+    }
+
+    /// A product of this shape with all vectors, added and replaced, from B and from its transpose.
+    fn check(rows: usize, depth: usize, cols: usize) {
+        let mut a = Guarded::new(&numbers(rows * depth, 1));
+        let mut b = Guarded::new(&numbers(depth * cols, 2));
+        let before = numbers(rows * cols, 3);
+        for (first, transposed) in [(true, false), (false, false), (false, true)] {
+            let (b_down, b_right) = if transposed { (cols, 1) } else { (1, depth) };
+            let mut y = Guarded::new(&before);
+            let p = Product {
+                first,
+                y: y.numbers(),
+                a: a.numbers(),
+                b: b.numbers(),
+                rows,
+                depth,
+                cols,
+                b_down,
+                b_right,
+            };
+            let expected = chain(&p);
+            for vectors in Vectors::ALL {
+                let mut y = Guarded::new(&before);
+                let p = Product {
+                    first,
+                    y: y.numbers(),
+                    a: a.numbers(),
+                    b: b.numbers(),
+                    rows,
+                    depth,
+                    cols,
+                    b_down,
+                    b_right,
+                };
+                product_with(vectors, p);
+                let shape = format!("{rows}×{depth}×{cols}, {first}, {transposed}, {vectors:?}");
+                assert!(y.is_whole(), "wrote past the result: {shape}");
+                assert_eq!(y.numbers(), expected, "{shape}");
+            }
+        }
+        assert!(a.is_whole() && b.is_whole());
+    }
+
     #[test]
-    fn every_shape_gives_the_defined_chains_bit_for_bit() {
-        let some = [1, 2, 3, 5, 6, 7, 12, 13];
-        let rows = [
-            1, 2, 7, 8, 9, 15, 16, 17, 31, 32, 33, 48, 49, 63, 64, 65, 80, 81, 96, 128, 129, 130,
-            348,
-        ];
-        for &rows in &rows {
-            for &cols in &some {
-                for depth in [0, 1, 2, 9, 127, 128, 129, 300] {
-                    for (first, transposed) in [(true, false), (false, false), (false, true)] {
-                        let (a, b) = (numbers(rows * depth, 1), numbers(depth * cols, 2));
-                        let mut y = numbers(rows * cols, 3);
-                        let (b_down, b_right) = if transposed { (cols, 1) } else { (1, depth) };
-                        let p = Product {
-                            first,
-                            y: &mut y,
-                            a: &a,
-                            b: &b,
-                            rows,
-                            depth,
-                            cols,
-                            b_down,
-                            b_right,
-                        };
-                        let expected = chain(&p);
-                        product(p);
-                        assert_eq!(y, expected, "{rows}×{depth}×{cols}, {first}, {transposed}");
-                    }
+    fn every_number_of_rows_gives_the_defined_chains_bit_for_bit() {
+        for rows in (1..=200).chain([348, 513]) {
+            for cols in [1, 4, 7, 13] {
+                for depth in [0, 1, 9, 129] {
+                    check(rows, depth, cols);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_number_of_columns_gives_the_defined_chains_bit_for_bit() {
+        for cols in 1..=200 {
+            for rows in [1, 7, 17, 33, 113] {
+                for depth in [1, 10] {
+                    check(rows, depth, cols);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_inner_dimension_gives_the_defined_chains_bit_for_bit() {
+        for depth in (0..=200).chain([255, 256, 257, 300]) {
+            for rows in [3, 8, 17, 50] {
+                for cols in [1, 6, 11] {
+                    check(rows, depth, cols);
                 }
             }
         }
@@ -377,15 +477,18 @@ mod tests {
 
     #[test]
     fn transposes() {
-        for (rows, cols) in [(1, 1), (3, 40), (17, 16), (33, 50)] {
+        let shapes = (1..=200).flat_map(|n| [(n, 3), (17, n), (n, n)]);
+        for (rows, cols) in shapes {
             let x = numbers(rows * cols, 5);
-            let mut out = vec![0.0; rows * cols];
-            transpose(&mut out, &x, rows, cols);
+            let mut guarded = Guarded::new(&vec![0.0; rows * cols]);
+            let out = guarded.numbers();
+            transpose(out, &x, rows, cols);
             for i in 0..rows {
                 for j in 0..cols {
                     assert_eq!(out[i * cols + j], x[j * rows + i]);
                 }
             }
+            assert!(guarded.is_whole());
         }
     }
 }

@@ -1,7 +1,5 @@
 //! Owned f32 matrices: features × batch, column-major, contiguous, 64-byte aligned.
 
-use faer::{MatMut, MatRef};
-
 /// One cache line of numbers; a vector of these is 64-byte aligned.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -149,17 +147,6 @@ impl Tensor {
     pub fn copy_from(&mut self, other: &Tensor) {
         self.resize_to(other.rows, other.cols);
         self.data_mut().copy_from_slice(other.data());
-    }
-
-    /// The matrix as faer sees it.
-    pub fn as_faer(&self) -> MatRef<'_, f32> {
-        MatRef::from_column_major_slice(self.data(), self.rows, self.cols)
-    }
-
-    /// The matrix as faer sees it.
-    pub fn as_faer_mut(&mut self) -> MatMut<'_, f32> {
-        let (rows, cols) = (self.rows, self.cols);
-        MatMut::from_column_major_slice_mut(self.data_mut(), rows, cols)
     }
 }
 

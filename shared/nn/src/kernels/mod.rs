@@ -13,12 +13,13 @@ use crate::math::{
     elu as elu_of, exp as exp_of, expm1_nonpositive, larger, ln as ln_of, sigmoid as sigmoid_of,
     smaller, softplus as softplus_of, tanh as tanh_of, tanh_log_slope,
 };
-use pulp::{Arch, Simd, WithSimd};
+use crate::vectors;
+use pulp::{Simd, WithSimd};
 
-/// Runs a loop with the widest vectors that the machine has.
+/// Runs a loop with the vectors chosen, usually the widest that the machine has.
 #[inline]
 pub(crate) fn vectorised<W: WithSimd>(work: W) -> W::Output {
-    Arch::new().dispatch(work)
+    vectors::arch(vectors::chosen()).dispatch(work)
 }
 
 /// `fn name(first, out, inputs…, scalars…)`: out ← (out +) body, element by element.

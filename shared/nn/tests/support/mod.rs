@@ -1,4 +1,5 @@
 //! Gradients of anything on a tape against central differences.
+#![allow(dead_code)] // Each test program uses its own part.
 
 use nn::{Arena, Gradients, Parameters, Tape, Tensor, Var};
 use rand::{RngExt, SeedableRng};
