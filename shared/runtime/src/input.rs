@@ -5,12 +5,11 @@ use crate::error::PortError;
 use crate::output::Connect;
 use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
 use crate::shared::Shared;
+use crate::transport::{RawSubscriber, Received};
 use core::cell::Cell;
+use core::marker::PhantomData;
 use iceoryx2::port::listener::Listener;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::FileDescriptorBased;
-use iceoryx2::sample::Sample;
 use messages::{Header, Message};
 use std::os::fd::RawFd;
 use std::rc::Rc;
@@ -110,14 +109,11 @@ pub trait Source {
     fn drain(&mut self);
 }
 
-struct Inbox<M: Message>(Subscriber<Ipc, M, ()>);
-
-impl<M: Message> Connect for Inbox<M> {
+impl Connect for RawSubscriber {
     fn release(&self) {}
 
     fn connect(&self) {
-        // What fails here fails again, and is reported, at the next receive.
-        let _ = self.0.update_connections();
+        self.update_connections();
     }
 }
 
@@ -126,13 +122,14 @@ pub struct Input<M: Message> {
     topic: &'static str,
     receive: Receive,
     once: bool,
-    current: Option<Sample<Ipc, M, ()>>,
-    subscriber: Rc<Inbox<M>>,
+    current: Option<Received>,
+    subscriber: Rc<RawSubscriber>,
     listener: Option<Listener<Ipc>>,
     counter: Rc<Counter>,
     senders: Vec<Sender>,
     shared: Rc<Shared>,
     created_ns: u64,
+    message: PhantomData<M>,
 }
 
 impl<M: Message> Input<M> {
@@ -155,12 +152,9 @@ impl<M: Message> Input<M> {
         } else {
             None
         };
-        let subscriber = open_topic::<M>(&shared.node, topic)?
-            .subscriber_builder()
-            .buffer_size(options.buffer.clamp(sizes.history.max(1), sizes.buffer))
-            .create()
-            .map_err(|error| create(format!("{error:?}")))?;
-        let subscriber = Rc::new(Inbox(subscriber));
+        let service = open_topic::<M>(&shared.node, topic)?;
+        let buffer = options.buffer.clamp(sizes.history.max(1), sizes.buffer);
+        let subscriber = Rc::new(RawSubscriber::create(&service, buffer).map_err(create)?);
         let weak: std::rc::Weak<dyn Connect> =
             Rc::downgrade(&(subscriber.clone() as Rc<dyn Connect>));
         shared.ports.borrow_mut().push(weak);
@@ -181,6 +175,7 @@ impl<M: Message> Input<M> {
             senders: Vec::with_capacity(64),
             shared: shared.clone(),
             created_ns: crate::clock::now_ns(),
+            message: PhantomData,
         })
     }
 
@@ -204,7 +199,7 @@ impl<M: Message> Input<M> {
 
     /// The message taken last.
     pub fn message(&self) -> Option<&M> {
-        self.current.as_ref().map(|sample| sample.payload())
+        self.current.as_ref().map(Received::message)
     }
 
     /// The header of the message taken last.
@@ -219,7 +214,7 @@ impl<M: Message> Input<M> {
     pub fn take(&mut self) -> Result<bool, PortError> {
         let mut taken = false;
         while let Some(sample) = self.receive()? {
-            let header = sample.payload().header();
+            let header = sample.message::<M>().header();
             let position = header.map(|header| (header.episode, header.step));
             if self.once && position.is_some() && position <= self.position() {
                 continue;
@@ -252,21 +247,16 @@ impl<M: Message> Input<M> {
         self.counter.lost.get()
     }
 
-    fn receive(&mut self) -> Result<Option<Sample<Ipc, M, ()>>, PortError> {
-        let sample = self
-            .subscriber
-            .0
-            .receive()
-            .map_err(|error| PortError::Receive {
-                topic: self.topic,
-                reason: format!("{error:?}"),
-            })?;
+    fn receive(&mut self) -> Result<Option<Received>, PortError> {
+        let received = self.subscriber.receive();
+        let sample = received.map_err(|reason| PortError::Receive {
+            topic: self.topic,
+            reason,
+        })?;
         if let Some(sample) = &sample {
             self.counter.received.set(self.counter.received.get() + 1);
-            if let Some(header) = sample.payload().header() {
-                let sequence = header.sequence;
-                let id = sample.header().publisher_id().value();
-                self.count_gap(id, sequence);
+            if let Some(header) = sample.message::<M>().header() {
+                self.count_gap(sample.sender(), header.sequence);
             }
         }
         Ok(sample)
@@ -310,13 +300,11 @@ impl<M: Message> Source for Input<M> {
     }
 
     fn pending(&mut self) -> Result<bool, PortError> {
-        self.subscriber
-            .0
-            .has_samples()
-            .map_err(|error| PortError::Receive {
-                topic: self.topic,
-                reason: format!("{error:?}"),
-            })
+        let waits = self.subscriber.has_messages();
+        waits.map_err(|reason| PortError::Receive {
+            topic: self.topic,
+            reason,
+        })
     }
 
     fn advance_to(&mut self, episode: u32, step: u32) -> Result<Advance, PortError> {

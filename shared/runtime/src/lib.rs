@@ -31,6 +31,7 @@ mod service;
 mod shared;
 mod signal;
 mod timing;
+mod transport;
 
 pub use alloc_count::CountingAllocator;
 pub use arguments::{ClockMode, RunArguments};

@@ -6,14 +6,13 @@ use crate::error::PortError;
 use crate::role::Position;
 use crate::service::{Ipc, Sizes, open_bell, open_topic};
 use crate::shared::Shared;
+use crate::transport::{RawLoan, RawPublisher};
 use core::cell::{Cell, RefCell};
-use core::mem::MaybeUninit;
+use core::marker::PhantomData;
 use core::ops::{Deref, DerefMut};
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::EventId;
-use iceoryx2::sample_mut::SampleMut;
 use messages::{Header, Message};
 use std::collections::VecDeque;
 use std::rc::{Rc, Weak};
@@ -74,42 +73,41 @@ pub(crate) trait Connect {
 const MOST_HELD: usize = 4;
 
 /// A message that is held back, and where in the run it belongs.
-type Held<M> = (Stamp, SampleMut<Ipc, M, ()>);
+type Held = (Stamp, RawLoan);
 
 struct Core<M: Message> {
     topic: &'static str,
-    publisher: Publisher<Ipc, M, ()>,
+    publisher: RawPublisher,
     notifier: Notifier<Ipc>,
     sequence: Cell<u64>,
     /// Whether the process's [`Role`](crate::role::Role) decides what is sent.
     gated: bool,
     /// Written while the process had to be silent.
-    held: RefCell<VecDeque<Held<M>>>,
+    held: RefCell<VecDeque<Held>>,
     shared: Weak<Shared>,
+    message: PhantomData<M>,
 }
 
 impl<M: Message> Core<M> {
     /// Sends a message whose header is complete but for its number, and wakes those who wait for it.
-    fn send(&self, mut sample: SampleMut<Ipc, M, ()>) -> Result<(), PortError> {
+    fn send(&self, mut sample: RawLoan) -> Result<(), PortError> {
         let sequence = self.sequence.get();
         self.sequence.set(sequence + 1);
-        if let Some(header) = sample.payload_mut().header_mut() {
+        if let Some(header) = sample.message_mut::<M>().header_mut() {
             header.sequence = sequence;
         }
         let failed = |reason: String| PortError::Send {
             topic: self.topic,
             reason,
         };
-        sample
-            .send()
-            .map_err(|error| failed(format!("{error:?}")))?;
+        sample.send().map_err(failed)?;
         self.notifier
             .notify()
             .map_err(|error| failed(format!("{error:?}")))?;
         Ok(())
     }
 
-    fn hold(&self, stamp: Stamp, sample: SampleMut<Ipc, M, ()>) {
+    fn hold(&self, stamp: Stamp, sample: RawLoan) {
         let mut held = self.held.borrow_mut();
         if held.len() == MOST_HELD
             && let Some((oldest, _)) = held.pop_front()
@@ -132,7 +130,7 @@ impl<M: Message> Connect for Core<M> {
                 break;
             };
             if shared.role.speaks(stamp.position()) {
-                if let Some(header) = sample.payload_mut().header_mut() {
+                if let Some(header) = sample.message_mut::<M>().header_mut() {
                     header.sent_ns = now_ns();
                 }
                 // What fails here fails again, and is reported, at the next send.
@@ -145,8 +143,8 @@ impl<M: Message> Connect for Core<M> {
     }
 
     fn connect(&self) {
+        self.publisher.update_connections();
         // What fails here fails again, and is reported, at the next send.
-        let _ = self.publisher.update_connections();
         let _ = self.notifier.update_connections();
     }
 }
@@ -165,13 +163,9 @@ impl<M: Message> Output<M> {
             reason,
         };
         let Sizes { slots, gated, .. } = Sizes::of::<M>(topic);
-        let publisher = open_topic::<M>(&shared.node, topic)?
-            .publisher_builder()
-            .max_loaned_samples(MOST_HELD + 4)
-            // A service's arithmetic would reserve the recorder's buffer for everybody; see `Sizes`.
-            .override_sample_preallocation(move |_| slots)
-            .create()
-            .map_err(|error| create(format!("{error:?}")))?;
+        let service = open_topic::<M>(&shared.node, topic)?;
+        // A service's arithmetic would reserve the recorder's buffer for everybody; see `Sizes`.
+        let publisher = RawPublisher::create(&service, MOST_HELD + 4, slots).map_err(create)?;
         let notifier = open_bell(&shared.node, topic)?
             .notifier_builder()
             .default_event_id(EventId::new(0))
@@ -185,6 +179,7 @@ impl<M: Message> Output<M> {
             gated,
             held: RefCell::new(VecDeque::with_capacity(MOST_HELD)),
             shared: Rc::downgrade(shared),
+            message: PhantomData,
         });
         let weak: Weak<dyn Connect> = Rc::downgrade(&(core.clone() as Rc<dyn Connect>));
         shared.ports.borrow_mut().push(weak);
@@ -211,8 +206,7 @@ impl<M: Message> Output<M> {
     /// [`PortError::Loan`] when stalled receivers hold all memory.
     pub fn loan(&self) -> Result<Loan<'_, M>, PortError> {
         let mut loan = self.loan_uncleared()?;
-        // SAFETY: messages are plain numbers, for which all zeros is a value (it is `M::ZERO`).
-        unsafe { core::ptr::write_bytes(&raw mut *loan, 0, 1) };
+        loan.sample.clear();
         Ok(loan)
     }
 
@@ -222,16 +216,11 @@ impl<M: Message> Output<M> {
     /// # Errors
     /// [`PortError::Loan`] when stalled receivers hold all memory.
     pub fn loan_uncleared(&self) -> Result<Loan<'_, M>, PortError> {
-        let sample = in_transport(|| self.core.publisher.loan_uninit()).map_err(|error| {
-            PortError::Loan {
-                topic: self.topic,
-                reason: format!("{error:?}"),
-            }
+        let loan = in_transport(|| self.core.publisher.loan());
+        let sample = loan.map_err(|reason| PortError::Loan {
+            topic: self.topic,
+            reason,
         })?;
-        let sample: iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, MaybeUninit<M>, ()> = sample;
-        // SAFETY: iceoryx2 zeroes a segment when it makes it, and only messages are written to it later; for plain
-        // numbers every bit pattern is a value.
-        let sample = unsafe { sample.assume_init() };
         Ok(Loan {
             output: self,
             sample,
@@ -267,7 +256,7 @@ impl<M: Message> Output<M> {
 /// A message that is being written in shared memory. Dropped, it is never sent and leaves no gap.
 pub struct Loan<'output, M: Message> {
     output: &'output Output<M>,
-    sample: SampleMut<Ipc, M, ()>,
+    sample: RawLoan,
 }
 
 impl<M: Message> Loan<'_, M> {
@@ -278,7 +267,7 @@ impl<M: Message> Loan<'_, M> {
     /// [`PortError::Send`].
     pub fn send(mut self, stamp: Stamp) -> Result<(), PortError> {
         let output = self.output;
-        output.stamp(self.sample.payload_mut(), stamp);
+        output.stamp(self.sample.message_mut(), stamp);
         if output.core.gated {
             let role = &output.shared.role;
             if !role.speaks(stamp.position()) {
@@ -294,12 +283,12 @@ impl<M: Message> Loan<'_, M> {
 impl<M: Message> Deref for Loan<'_, M> {
     type Target = M;
     fn deref(&self) -> &M {
-        self.sample.payload()
+        self.sample.message()
     }
 }
 
 impl<M: Message> DerefMut for Loan<'_, M> {
     fn deref_mut(&mut self) -> &mut M {
-        self.sample.payload_mut()
+        self.sample.message_mut()
     }
 }

@@ -1,15 +1,15 @@
 //! Opening iceoryx2 services: sizes, and the layout attribute that keeps out processes of another version.
 
 use crate::error::PortError;
+use crate::transport::{self, PayloadType, Topic};
 use iceoryx2::prelude::*;
 use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::event;
 use messages::Message;
 use std::time::{Duration, Instant};
 
 pub(crate) type Ipc = ipc::Service;
-pub(crate) type Topic<M> = publish_subscribe::PortFactory<Ipc, M, ()>;
 pub(crate) type Bell = event::PortFactory<Ipc>;
 
 /// Messages that an input holds before the oldest is lost, unless it asks otherwise.
@@ -26,6 +26,7 @@ const BULK_BYTES: usize = 64 << 10;
 const LAYOUT_KEY: &str = "mirror.layout";
 
 /// The sizes of a topic's service: the same in every process, because they follow from topic and message alone.
+#[derive(Clone, Copy)]
 pub(crate) struct Sizes {
     /// Largest buffer that an input may have.
     pub(crate) buffer: usize,
@@ -41,7 +42,11 @@ pub(crate) struct Sizes {
 
 impl Sizes {
     pub(crate) fn of<M: Message>(topic: &str) -> Self {
-        if size_of::<M>() >= BULK_BYTES {
+        Self::of_size(size_of::<M>(), topic)
+    }
+
+    fn of_size(message: usize, topic: &str) -> Self {
+        if message >= BULK_BYTES {
             // The human model, one that takes over from it, and somebody who only watches.
             Self {
                 buffer: 4,
@@ -121,10 +126,24 @@ fn patiently<T, E: core::fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> 
 pub(crate) fn open_topic<M: Message>(
     node: &iceoryx2::node::Node<Ipc>,
     topic: &str,
-) -> Result<Topic<M>, PortError> {
-    let sizes = Sizes::of::<M>(topic);
+) -> Result<Topic, PortError> {
+    open(
+        node,
+        topic,
+        Sizes::of::<M>(topic),
+        PayloadType::of::<M>(),
+        M::layout_text(),
+    )
+}
+
+fn open(
+    node: &iceoryx2::node::Node<Ipc>,
+    topic: &str,
+    sizes: Sizes,
+    payload: PayloadType,
+    layout: String,
+) -> Result<Topic, PortError> {
     let service_name = name(topic)?;
-    let layout = M::layout_text();
     let key = LAYOUT_KEY
         .try_into()
         .map_err(|error| open_error(topic, error))?;
@@ -136,8 +155,7 @@ pub(crate) fn open_topic<M: Message>(
         .require(&key, &value)
         .map_err(|error| open_error(topic, error))?;
     patiently(|| {
-        node.service_builder(&service_name)
-            .publish_subscribe::<M>()
+        transport::builder(node, &service_name, payload)
             .max_publishers(sizes.publishers)
             .max_subscribers(sizes.subscribers)
             .max_nodes(40)
