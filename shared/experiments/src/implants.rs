@@ -1,13 +1,14 @@
 //! Learnt perceptual implants against what the simulated driver can really see (paper, figure 6 and appendix "Learnt
 //! perceptual implants"), per azimuth, with a drawing; and where the demonstrations cannot tell.
 
+use crate::drawing_file::{self, Drawing};
 use crate::drive::demonstrate;
-use crate::plot::register_font;
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use domains::highway::{Cockpit, Person, Scene, SimulatedDriver, World};
 use models::implants::range_of;
 use models::observation::{AZIMUTHS, RANGE_M};
 use models::{Kind, SelfModel};
+use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::fmt::Write;
 use std::path::Path;
@@ -177,36 +178,42 @@ pub fn write_csv(reports: &[Report], out: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If a file cannot be written.
 pub fn draw(reports: &[Report], out: &Path) -> anyhow::Result<()> {
-    register_font();
     let columns = reports.len().clamp(1, 4);
     let rows = reports.len().div_ceil(columns).max(1);
     let size = (columns as u32 * 320, rows as u32 * 340);
-    let svg = out.join("implants.svg");
-    let png = out.join("implants.png");
+    let sheet = Sheet {
+        reports,
+        shape: (rows, columns),
+    };
+    drawing_file::write(&sheet, size, &out.join("implants"))
+}
+
+/// People in rows and columns.
+struct Sheet<'a> {
+    reports: &'a [Report],
+    shape: (usize, usize),
+}
+
+impl Drawing for Sheet<'_> {
+    fn draw_on<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<(), String>
+    where
+        B::ErrorType: 'static,
     {
-        let root = SVGBackend::new(&svg, size).into_drawing_area();
-        draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", svg.display()))?;
-        root.present()
-            .map_err(|e| anyhow!("{}: {e}", svg.display()))?;
+        draw_on(root, self.reports, self.shape)
     }
-    let root = BitMapBackend::new(&png, size).into_drawing_area();
-    draw_on(&root, reports, rows, columns).map_err(|e| anyhow!("{}: {e}", png.display()))?;
-    root.present()
-        .map_err(|e| anyhow!("{}: {e}", png.display()))
 }
 
 fn draw_on<B: DrawingBackend>(
-    root: &DrawingArea<B, plotters::coord::Shift>,
+    root: &DrawingArea<B, Shift>,
     reports: &[Report],
-    rows: usize,
-    columns: usize,
+    shape: (usize, usize),
 ) -> Result<(), String>
 where
     B::ErrorType: 'static,
 {
     let text = |e: DrawingAreaErrorKind<B::ErrorType>| e.to_string();
     root.fill(&WHITE).map_err(text)?;
-    for (area, report) in root.split_evenly((rows, columns)).iter().zip(reports) {
+    for (area, report) in root.split_evenly(shape).iter().zip(reports) {
         let mut chart = ChartBuilder::on(area)
             .margin(8)
             .build_cartesian_2d(-42.0..42.0_f64, -42.0..44.0_f64)

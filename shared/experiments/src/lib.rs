@@ -2,6 +2,7 @@
 
 pub mod anova;
 pub mod claims;
+mod drawing_file;
 pub mod drive;
 pub mod drive_report;
 pub mod gridworld;

@@ -1,7 +1,7 @@
 //! Plots with intervals, each as SVG and PNG: bars of several conditions, and lines over an amount of data.
 
+use crate::drawing_file::{self, Drawing};
 use crate::statistics::Interval;
-use anyhow::anyhow;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
@@ -52,21 +52,6 @@ pub struct Lines {
     pub lines: Vec<Line>,
 }
 
-/// Draws with `$draw` into `$stem.svg` and `$stem.png`.
-macro_rules! in_both_formats {
-    ($stem:expr, $size:expr, $draw:ident, $panels:expr) => {{
-        register_font();
-        let (svg, png) = ($stem.with_extension("svg"), $stem.with_extension("png"));
-        $draw(&SVGBackend::new(&svg, $size).into_drawing_area(), $panels)
-            .map_err(|e| anyhow!("{}: {e}", svg.display()))?;
-        $draw(
-            &BitMapBackend::new(&png, $size).into_drawing_area(),
-            $panels,
-        )
-        .map_err(|e| anyhow!("{}: {e}", png.display()))
-    }};
-}
-
 /// Draws panels of bars beside each other into `stem.svg` and `stem.png`.
 ///
 /// # Errors
@@ -74,7 +59,7 @@ macro_rules! in_both_formats {
 pub fn bars(panels: &[Bars], stem: &Path) -> anyhow::Result<()> {
     let (rows, columns) = rows_and_columns(panels);
     let size = (width_of(panels) * columns as u32, PANEL.1 * rows as u32);
-    in_both_formats!(stem, size, bars_on, panels)
+    drawing_file::write(&panels, size, stem)
 }
 
 /// A panel's width, in which the names of the most bars have room.
@@ -98,14 +83,7 @@ fn rows_and_columns(panels: &[Bars]) -> (usize, usize) {
 /// If a file cannot be written.
 pub fn lines(panels: &[Lines], stem: &Path) -> anyhow::Result<()> {
     let size = ((PANEL.0 + 140) * panels.len().max(1) as u32, PANEL.1 + 60);
-    in_both_formats!(stem, size, lines_on, panels)
-}
-
-/// Bitmaps need a font of their own: the machine may have none.
-pub(crate) fn register_font() {
-    const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
-    // Registering again, or a font that the library refuses, only means that drawing says so itself.
-    let _ = plotters::style::register_font("sans-serif", FontStyle::Normal, FONT);
+    drawing_file::write(&panels, size, stem)
 }
 
 /// Smallest and largest number of intervals, with a little room; zero is always inside if `with_zero`.
@@ -129,6 +107,15 @@ fn room<'a>(intervals: impl Iterator<Item = &'a Interval>, with_zero: bool) -> (
         low - margin
     };
     (low, high + margin)
+}
+
+impl Drawing for &[Bars] {
+    fn draw_on<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<(), String>
+    where
+        B::ErrorType: 'static,
+    {
+        bars_on(root, self)
+    }
 }
 
 fn bars_on<B: DrawingBackend>(root: &DrawingArea<B, Shift>, panels: &[Bars]) -> Result<(), String>
@@ -189,7 +176,7 @@ where
                 .map_err(text)?;
         }
     }
-    root.present().map_err(text)
+    Ok(())
 }
 
 /// An interval's line and its two ends.
@@ -200,6 +187,15 @@ fn whisker(x: f64, half: f64, interval: &Interval) -> Vec<Vec<(f64, f64)>> {
         vec![(x - half, low), (x + half, low)],
         vec![(x - half, high), (x + half, high)],
     ]
+}
+
+impl Drawing for &[Lines] {
+    fn draw_on<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<(), String>
+    where
+        B::ErrorType: 'static,
+    {
+        lines_on(root, self)
+    }
 }
 
 fn lines_on<B: DrawingBackend>(root: &DrawingArea<B, Shift>, panels: &[Lines]) -> Result<(), String>
@@ -298,7 +294,7 @@ where
             .draw()
             .map_err(text)?;
     }
-    root.present().map_err(text)
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! Drawings of perceptual implants, learned against true, each as SVG and PNG.
 
-use crate::plot::register_font;
-use anyhow::anyhow;
+use crate::drawing_file::{self, Drawing};
 use domains::discrete::Domain;
 use domains::driving::RANGE_CELLS;
 use domains::search_rescue::SIZE;
@@ -34,23 +33,25 @@ pub struct Sketch {
 /// # Errors
 /// If a file cannot be written.
 pub fn draw(sketches: &[Sketch], rows: usize, stem: &Path) -> anyhow::Result<()> {
-    register_font();
     let columns = sketches.len().div_ceil(rows.max(1)).max(1);
-    let size = (SIDE * columns as u32, SIDE * rows.max(1) as u32);
-    let (svg, png) = (stem.with_extension("svg"), stem.with_extension("png"));
     let shape = (rows.max(1), columns);
-    on(
-        &SVGBackend::new(&svg, size).into_drawing_area(),
-        sketches,
-        shape,
-    )
-    .map_err(|e| anyhow!("{}: {e}", svg.display()))?;
-    on(
-        &BitMapBackend::new(&png, size).into_drawing_area(),
-        sketches,
-        shape,
-    )
-    .map_err(|e| anyhow!("{}: {e}", png.display()))
+    let size = (SIDE * columns as u32, SIDE * shape.0 as u32);
+    drawing_file::write(&Sheet { sketches, shape }, size, stem)
+}
+
+/// Sketches in rows and columns.
+struct Sheet<'a> {
+    sketches: &'a [Sketch],
+    shape: (usize, usize),
+}
+
+impl Drawing for Sheet<'_> {
+    fn draw_on<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<(), String>
+    where
+        B::ErrorType: 'static,
+    {
+        on(root, self.sketches, self.shape)
+    }
 }
 
 fn on<B: DrawingBackend>(
@@ -71,7 +72,7 @@ where
         }
         .map_err(text)?;
     }
-    root.present().map_err(text)
+    Ok(())
 }
 
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
