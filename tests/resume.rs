@@ -9,16 +9,17 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 /// A short training: the domain, the option that says how long, and how long.
 type Course = (&'static str, &'static str, u32);
 
 /// Every learner of a self-model, and the vectors before and after it is killed.
 const COURSES: [(Course, [&str; 2]); 4] = [
-    (("highway", "--episodes", 2), ["8", "16"]),
-    (("driving", "--phases", 3), ["16", "8"]),
-    (("search_rescue", "--phases", 2), ["8", "16"]),
-    (("bomb_defusal", "--phases", 2), ["16", "8"]),
+    (("highway", "--episodes", 3), ["8", "16"]),
+    (("driving", "--phases", 8), ["16", "8"]),
+    (("search_rescue", "--phases", 3), ["8", "16"]),
+    (("bomb_defusal", "--phases", 3), ["16", "8"]),
 ];
 
 fn train((domain, option, length): Course, vectors: &str, out: &Path) -> Command {
@@ -54,18 +55,14 @@ fn killed_and_continued(course: Course, vectors: [&str; 2], out: &Path, rng: &mu
         .spawn()
         .unwrap();
     let checkpoint = out.with_extension("training.safetensors");
-    // A random number of looks after the first checkpoint: in the middle of a phase, or of writing the next one.
-    let mut looks = rng.next_u32() % 2_000;
-    while looks > 0 {
+    // A random moment after the first checkpoint, in the middle of a phase or of writing, but before the last phase ends.
+    let mut looks = 1 + rng.next_u32() % 500;
+    while looks > 0 && lines(&out.with_extension("jsonl")) + 1 < course.2 as usize {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        if checkpoint.is_file() {
-            looks -= 1;
-            if lines(&out.with_extension("jsonl")) + 1 >= course.2 as usize {
-                break;
-            }
-        }
-        std::thread::yield_now();
+        looks -= u32::from(checkpoint.is_file());
+        std::thread::sleep(Duration::from_millis(1));
     }
+    assert!(checkpoint.is_file());
     child.kill().unwrap();
     assert!(!child.wait().unwrap().success());
     assert!(!out.exists(), "a model was written before the end");
