@@ -11,7 +11,7 @@ fn refused(bench: &Bench, arguments: &[&str], words: &[&str]) {
     let output = run(command.args(["--episodes", "1"]).args(arguments));
     assert_refused(&output, words, &format!("{arguments:?}"));
     assert!(
-        !runtime::instance::default_root().join(&name).exists(),
+        !runtime::instance::root_for(&name).join(&name).exists(),
         "{arguments:?} started something"
     );
 }

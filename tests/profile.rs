@@ -329,7 +329,7 @@ fn a_run_that_ends_while_watched_leaves_nothing() {
         .spawn()
         .unwrap();
     // It is there once its node is.
-    let root = runtime::instance::default_root();
+    let root = runtime::instance::root_for(&name);
     while !runtime::instance::nodes(&root, &name)
         .unwrap()
         .iter()

@@ -47,7 +47,7 @@ fn memory_and_handles_are_flat() {
     let arguments = RunArguments {
         index: 99,
         ..RunArguments::new(
-            &runtime::instance::default_root(),
+            &runtime::instance::root_for(&name),
             &name,
             0,
             runtime::ClockMode::Lockstep,

@@ -171,7 +171,7 @@ fn both_may_die() {
     let live = Live::start(&mut command, &name);
     for process in ["belief", "planner"] {
         let (swap, _) = begins_to_swap(&name, process);
-        let new = runtime::instance::nodes(&runtime::instance::default_root(), &name);
+        let new = runtime::instance::nodes(&runtime::instance::root_for(&name), &name);
         for node in new.unwrap().iter().filter(|node| node.process == process) {
             // SAFETY: signals a process of this test's own set.
             unsafe { libc::kill(node.pid as libc::pid_t, libc::SIGKILL) };

@@ -2,51 +2,46 @@
 
 use crate::cli::DoctorArguments;
 use crate::failure::Failure;
-use runtime::instance::{default_root, shared_memory_free};
-use runtime::{InstanceState, cleanup_dead, list_instances};
+use anyhow::{Context, Result, ensure};
+use runtime::instance::lookup_roots;
+use runtime::{
+    InstanceState, OPEN_FILES_NEEDED, cleanup_dead, list_instances, open_files, shared_memory_free,
+    shared_memory_needed,
+};
 use std::process::ExitCode;
 
-/// What a set needs in shared memory, generously.
-pub const SHARED_MEMORY_NEEDED: u64 = 64 << 20;
-/// Open files that a process of a set needs, generously.
-const FILES_NEEDED: u64 = 512;
-
-/// Prints the report. Status 0 if all is well, 1 if something was left behind or a limit is too low.
+/// Prints the report. Status 0 if all is well, 1 if something was left behind or a limit is too low, 2 if the directory of
+/// instances cannot be trusted.
 pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
-    let root = default_root();
     let mut well = true;
-    println!("Instances below {}", root.display());
-    let states =
-        list_instances(&root).map_err(|error| Failure::from(anyhow::Error::from(error)))?;
-    if states.is_empty() {
-        println!("  none runs, and none left anything");
-    }
-    for state in &states {
-        let left = show(state);
-        if !left {
-            continue;
+    for root in lookup_roots() {
+        let states = list_instances(&root).map_err(Failure::refused)?;
+        println!("Instances below {}", root.display());
+        if states.is_empty() {
+            println!("  none runs, and none left anything");
         }
-        if arguments.clean {
-            let report = cleanup_dead(&root, &state.instance).map_err(anyhow::Error::from)?;
-            println!(
-                "    cleaned: {} dead processes, {} files in shared memory",
-                report.nodes, report.files
-            );
-            well &= report.failed == 0;
-        } else {
-            println!("    `mirror doctor --clean` removes it");
-            well = false;
+        for state in &states {
+            well &= examine(state, arguments.clean)?;
         }
     }
     println!("Limits");
-    let free = shared_memory_free();
+    match shared_memory_free() {
+        Ok(free) => {
+            let needed = shared_memory_needed(false, true);
+            let (free, needed) = (free >> 10, needed >> 10);
+            well &= limit("shared memory free (/dev/shm)", free, needed, "KiB");
+        }
+        Err(error) => {
+            println!("  {error}");
+            well = false;
+        }
+    }
     well &= limit(
-        "shared memory free (/dev/shm)",
-        free >> 20,
-        SHARED_MEMORY_NEEDED >> 20,
-        "MiB",
+        "open files (ulimit -n)",
+        open_files(),
+        OPEN_FILES_NEEDED,
+        "",
     );
-    well &= limit("open files (ulimit -n)", open_files(), FILES_NEEDED, "");
     let cores = std::thread::available_parallelism().map_or(1, usize::from) as u64;
     well &= limit("processor cores", cores, 1, "");
     Ok(if well {
@@ -54,6 +49,63 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     } else {
         ExitCode::FAILURE
     })
+}
+
+/// Shows an instance and cleans it if asked to; whether nothing is left of a dead run.
+fn examine(state: &InstanceState, clean: bool) -> Result<bool> {
+    if !show(state) {
+        return Ok(true);
+    }
+    if !clean {
+        println!("    `mirror doctor --clean` removes it");
+        return Ok(false);
+    }
+    let report = cleanup_dead(&state.root, &state.instance)?;
+    println!(
+        "    cleaned: {} dead processes, {} files in shared memory",
+        report.nodes, report.files
+    );
+    Ok(report.failed == 0)
+}
+
+/// Whether every process of a set may open as many files as it needs.
+///
+/// # Errors
+/// Says how many it may.
+pub fn check_open_files() -> Result<()> {
+    let (have, need) = (open_files(), OPEN_FILES_NEEDED);
+    ensure!(
+        have >= need,
+        "a process may open {have} files here, and those of a set need {need}; raise the limit (`ulimit -n {need}`)"
+    );
+    Ok(())
+}
+
+/// Makes sure that `/dev/shm` has room for the messages of a set; if it has not, what dead runs left is removed.
+///
+/// # Errors
+/// Says what is free and what is needed, or why `/dev/shm` cannot be used.
+pub fn make_room(is_gridworld: bool, plans: bool) -> Result<()> {
+    let needed = shared_memory_needed(is_gridworld, plans);
+    if shared_memory_free()? >= needed {
+        return Ok(());
+    }
+    for root in lookup_roots() {
+        for state in list_instances(&root)? {
+            if state.launcher.is_none() {
+                let clean = cleanup_dead(&root, &state.instance);
+                clean.with_context(|| format!("what instance `{}` left", state.instance))?;
+            }
+        }
+    }
+    let free = shared_memory_free()?;
+    ensure!(
+        free >= needed,
+        "/dev/shm has {} KiB free, and this set needs {}; other sets or programs hold the rest: `mirror doctor` lists sets, `mirror doctor --clean` removes what dead ones left",
+        free >> 10,
+        needed.div_ceil(1 << 10)
+    );
+    Ok(())
 }
 
 /// Prints an instance; true if it is, in part or in whole, what a dead run left.
@@ -76,16 +128,4 @@ fn limit(what: &str, have: u64, need: u64, unit: &str) -> bool {
     let word = if enough { "ok" } else { "TOO LOW" };
     println!("  {what:<32} {have} {unit} (needed: {need}) {word}");
     enough
-}
-
-fn open_files() -> u64 {
-    let mut limit = libc::rlimit {
-        rlim_cur: 0,
-        rlim_max: 0,
-    };
-    // SAFETY: a live structure of the right type.
-    match unsafe { libc::getrlimit(libc::RLIMIT_NOFILE, &mut limit) } {
-        0 => limit.rlim_cur,
-        _ => 0,
-    }
 }

@@ -20,6 +20,9 @@ use std::time::Instant;
 
 /// `mirror evaluate`.
 pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
+    if let Some(results) = results_of(study) {
+        inputs::writable("--results", results).map_err(Failure::refused)?;
+    }
     match study {
         Evaluate::Fit(arguments) => gridworld::evaluate::fit(arguments),
         Evaluate::Communicate(arguments) => gridworld::evaluate::communicate(arguments),
@@ -30,6 +33,18 @@ pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
             None => implants(arguments),
         },
         Evaluate::All(arguments) => evaluate_all::all(arguments),
+    }
+}
+
+/// The file that a study was asked to write its section into.
+fn results_of(study: &Evaluate) -> Option<&Path> {
+    match study {
+        Evaluate::Fit(arguments) => arguments.common.files.results.as_deref(),
+        Evaluate::Communicate(arguments) => arguments.common.files.results.as_deref(),
+        Evaluate::Drive(arguments) => arguments.files.results.as_deref(),
+        Evaluate::Real(arguments) => arguments.files.results.as_deref(),
+        Evaluate::Implants(arguments) => arguments.files.results.as_deref(),
+        Evaluate::All(arguments) => arguments.results.as_deref(),
     }
 }
 

@@ -13,8 +13,8 @@ use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-/// Where the recordings lie beside the sources that this program was built from.
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/commonroad");
+/// Where the recordings lie if nobody says otherwise, seen from where the program was started.
+const DATA: &str = "../shared/data/commonroad";
 /// Splits of the quick form.
 const QUICK_SPLITS: u32 = 2;
 

@@ -76,31 +76,24 @@ pub fn planner(text: &str) -> Result<PlannerKind> {
     })
 }
 
-/// A path that a file can be written to: its directory exists.
+/// A path that something can be written to: its directory exists, and what is there is a file, a device or a pipe.
 ///
 /// # Errors
 /// Names the path.
 pub fn writable(option: &str, path: &Path) -> Result<PathBuf> {
     let path = std::path::absolute(path).with_context(|| format!("{option} {}", path.display()))?;
-    let directory = path.parent().unwrap_or(Path::new("/"));
-    ensure!(
-        directory.is_dir(),
-        "{option} {}: {} is no directory",
-        path.display(),
-        directory.display()
-    );
-    ensure!(
-        !path.is_dir(),
-        "{option} {}: that is a directory",
-        path.display()
-    );
+    files::check(&path).with_context(|| option.to_owned())?;
     Ok(path)
 }
 
-/// Where the files that ship lie: beside the sources that this program was built from.
-pub fn pretrained() -> PathBuf {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/pretrained"));
-    folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
+/// A path that a file can be written to which is read again, or continued, later: no device and no pipe.
+///
+/// # Errors
+/// Names the path.
+pub fn writable_file(option: &str, path: &Path) -> Result<PathBuf> {
+    let path = std::path::absolute(path).with_context(|| format!("{option} {}", path.display()))?;
+    files::check_regular(&path).with_context(|| option.to_owned())?;
+    Ok(path)
 }
 
 /// The robot's self-model of the highway: the given file or the one that ships.
@@ -109,9 +102,31 @@ pub fn pretrained() -> PathBuf {
 /// Names the file and what is wrong with it.
 pub fn self_model(given: Option<&Path>) -> Result<(PathBuf, SelfModel)> {
     let path = match given {
-        Some(path) => std::path::absolute(path).with_context(|| path.display().to_string())?,
-        None => pretrained().join("highway-self.safetensors"),
+        Some(path) => model_file(path)?,
+        None => models::shipped::path(models::shipped::HIGHWAY),
     };
     let model = models::checkpoint::load_self_model(&path)?;
     Ok((path, model))
+}
+
+/// A model's file as every process finds it: by its whole path, or by its name if it ships.
+///
+/// # Errors
+/// Names the file.
+pub fn model_file(path: &Path) -> Result<PathBuf> {
+    match models::shipped::is_name(path) {
+        true => Ok(path.to_owned()),
+        false => std::path::absolute(path).with_context(|| path.display().to_string()),
+    }
+}
+
+/// BLAKE3 of a model's bytes, as 64 hexadecimal digits: of a file, or of one that ships.
+///
+/// # Errors
+/// The system's, with the file's name.
+pub fn model_digest(path: &Path) -> std::io::Result<String> {
+    match models::shipped::bytes(path) {
+        Some(bytes) => Ok(blake3::hash(bytes).to_hex().to_string()),
+        None => recorder::setup::digest(path),
+    }
 }

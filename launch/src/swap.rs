@@ -6,7 +6,7 @@ use crate::inputs;
 use crate::screen::Screen;
 use crate::up::door::{self, Question, Replacement};
 use anyhow::{Context, Result, bail};
-use runtime::instance::{self, default_root};
+use runtime::instance::{self, lookup_roots};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -17,7 +17,7 @@ pub fn swap(arguments: &SwapArguments) -> Result<ExitCode, Failure> {
     print(&report);
     if let Some(path) = report_to {
         let text = serde_json::to_string_pretty(&report).context("the report")?;
-        std::fs::write(&path, text + "\n").with_context(|| path.display().to_string())?;
+        files::write(&path, (text + "\n").as_bytes()).map_err(anyhow::Error::from)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -49,12 +49,12 @@ fn prepare(arguments: &SwapArguments) -> Result<(PathBuf, Option<PathBuf>, Quest
 /// # Errors
 /// When there is none, or several to choose from.
 pub fn running(name: Option<&str>) -> Result<PathBuf> {
-    let root = default_root();
-    let running: Vec<_> = instance::list_instances(&root)?
-        .into_iter()
-        .filter(|instance| instance.launcher.is_some())
-        .map(|instance| instance.instance)
-        .collect();
+    let mut found = Vec::new();
+    for root in lookup_roots() {
+        found.extend(instance::list_instances(&root)?);
+    }
+    found.retain(|instance| instance.launcher.is_some());
+    let running: Vec<String> = found.iter().map(|found| found.instance.clone()).collect();
     let chosen = match (name, running.as_slice()) {
         (Some(name), names) if names.iter().any(|running| running == name) => name,
         (Some(name), []) => bail!("--instance {name}: no process set is running"),
@@ -68,6 +68,8 @@ pub fn running(name: Option<&str>) -> Result<PathBuf> {
             names.join(", ")
         ),
     };
+    let root = found.iter().find(|found| found.instance == *chosen);
+    let root = root.map_or_else(|| instance::root_for(chosen), |found| found.root.clone());
     Ok(instance::directory(&root, chosen))
 }
 

@@ -9,7 +9,7 @@ use crate::screen::Progress;
 use anyhow::{Context, Result, ensure};
 use domains::highway::Scene;
 use models::utterances::UtteranceTable;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -74,7 +74,7 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
 }
 
 fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
-    let out = inputs::writable("--out", &arguments.out)?;
+    let out = outputs(arguments)?;
     ensure!(
         arguments.phases.is_none(),
         "--phases: only the gridworlds count in phases, the highway's training in --episodes"
@@ -96,22 +96,27 @@ fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
     Ok((trainer, out))
 }
 
+/// The model's file, once it is clear that it can be written, and what is written beside it, too.
+///
+/// # Errors
+/// Names the option and the file.
+pub(crate) fn outputs(arguments: &TrainSelfArguments) -> Result<PathBuf> {
+    let out = inputs::writable_file("--out", &arguments.out)?;
+    inputs::writable_file("--out", &checkpoint_of(&out))?;
+    if let Some(metrics) = &arguments.metrics {
+        inputs::writable("--metrics", metrics)?;
+    }
+    Ok(out)
+}
+
 /// Where a run keeps what it needs to continue.
 pub(crate) fn checkpoint_of(out: &Path) -> PathBuf {
     out.with_extension("training.safetensors")
 }
 
 pub(crate) fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
-    let file = OpenOptions::new()
-        .create(true)
-        .write(true)
-        .append(append)
-        .truncate(!append)
-        .open(path);
-    Ok((
-        path.to_owned(),
-        BufWriter::new(file.with_context(|| path.display().to_string())?),
-    ))
+    let file = files::log(path, append)?;
+    Ok((path.to_owned(), BufWriter::new(file)))
 }
 
 pub(crate) fn write(file: &mut BufWriter<File>, metrics: &impl serde::Serialize) -> Result<()> {

@@ -5,7 +5,7 @@ use models::self_model::Sizes;
 use models::{Kind, SelfModel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use runtime::instance::{default_root, nodes, prefix};
+use runtime::instance::{nodes, prefix, root_for};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
@@ -111,7 +111,7 @@ pub fn summary(path: &Path) -> serde_json::Value {
 
 /// What a running set says of itself; none if it is not there, or ends before it answers.
 pub fn status(instance: &str) -> Option<serde_json::Value> {
-    let socket = runtime::instance::directory(&default_root(), instance).join("launcher.sock");
+    let socket = runtime::instance::directory(&root_for(instance), instance).join("launcher.sock");
     let mut stream = std::os::unix::net::UnixStream::connect(socket).ok()?;
     stream.write_all(b"{\"command\":\"status\"}\n").ok()?;
     let mut line = String::new();
@@ -146,7 +146,7 @@ impl Live {
             processes: Vec::new(),
         };
         live.wait_for_line("START");
-        let found = nodes(&default_root(), instance).unwrap();
+        let found = nodes(&root_for(instance), instance).unwrap();
         live.processes = found
             .into_iter()
             .map(|node| (node.process, node.pid))
@@ -179,7 +179,7 @@ impl Live {
         while !status(instance).is_some_and(runs) {
             std::thread::yield_now();
         }
-        let found = nodes(&default_root(), instance).unwrap().into_iter();
+        let found = nodes(&root_for(instance), instance).unwrap().into_iter();
         live.processes = found.map(|node| (node.process, node.pid)).collect();
         live
     }
@@ -269,7 +269,7 @@ impl Drop for Live {
 
 /// Asserts that an instance left no node, no file and no shared memory.
 pub fn assert_nothing_left(instance: &str) {
-    let root = default_root();
+    let root = root_for(instance);
     assert!(nodes(&root, instance).unwrap().is_empty());
     assert!(!root.join(instance).exists());
     let prefix = prefix(&root, instance);

@@ -1,6 +1,6 @@
 //! What users name on the command line of a gridworld, resolved and checked before anything starts.
 
-use crate::inputs::pretrained;
+use crate::inputs::model_file;
 use anyhow::{Context, Result};
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, Words, World};
 use models::discrete::DiscreteModel;
@@ -25,8 +25,11 @@ pub fn world(scene: &Scene) -> Result<World> {
 
 /// The file of a domain's self-model that ships.
 pub fn shipped_self_model(domain: Domain) -> PathBuf {
-    let name = domain.name().replace('_', "-");
-    pretrained().join(format!("{name}-self.safetensors"))
+    models::shipped::path(match domain {
+        Domain::Driving => models::shipped::DRIVING,
+        Domain::SearchRescue => models::shipped::SEARCH_RESCUE,
+        Domain::BombDefusal => models::shipped::BOMB_DEFUSAL,
+    })
 }
 
 /// The robot's self-model of a domain: the given file or the one that ships.
@@ -35,7 +38,7 @@ pub fn shipped_self_model(domain: Domain) -> PathBuf {
 /// Names the file and what is wrong with it.
 pub fn self_model(domain: Domain, given: Option<&Path>) -> Result<(PathBuf, Arc<DiscreteModel>)> {
     let path = match given {
-        Some(path) => std::path::absolute(path).with_context(|| path.display().to_string())?,
+        Some(path) => model_file(path)?,
         None => shipped_self_model(domain),
     };
     let layout = world(&Scene::of(domain, Setting::Original))?

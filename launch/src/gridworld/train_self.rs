@@ -3,10 +3,9 @@
 use super::inputs;
 use crate::cli::TrainSelfArguments;
 use crate::failure::Failure;
-use crate::inputs::writable;
 use crate::learn::command_line;
 use crate::screen::Progress;
-use crate::train_self::{checkpoint_of, open, write};
+use crate::train_self::{checkpoint_of, open, outputs, write};
 use anyhow::{Context, Result, ensure};
 use domains::discrete::{Discrete, Domain, End, Scene, Setting, World};
 use std::path::PathBuf;
@@ -97,7 +96,7 @@ fn judged(world: &World, trainer: &Trainer, actor: Actor, rounds: u32) -> String
 }
 
 fn prepare(arguments: &TrainSelfArguments, domain: Domain) -> Result<(World, Trainer, PathBuf)> {
-    let out = writable("--out", &arguments.out)?;
+    let out = outputs(arguments)?;
     ensure!(
         arguments.episodes.is_none(),
         "--episodes: only the highway counts in episodes, a gridworld's training in --phases"

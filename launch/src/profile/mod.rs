@@ -27,8 +27,6 @@ use anyhow::{Context, Result, ensure};
 use metrics::{Metric, Samples};
 use result::{Profile, Trace};
 use serde::Serialize;
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::SystemTime;
@@ -150,23 +148,24 @@ fn check_seconds(arguments: &ProfileArguments) -> Result<()> {
     Ok(())
 }
 
+/// What is written into the directory.
+const FILES: [&str; 3] = ["profile.json", "profile.hlog", "trace.json"];
+
 /// Makes the directory, and makes sure that files can be written there before anything is measured.
 fn prepare(directory: &Path) -> Result<()> {
     let place = || format!("--out {}", directory.display());
     std::fs::create_dir_all(directory).with_context(place)?;
-    let path = directory.join(".mirror-profile");
-    File::create(&path)
-        .and_then(|_| std::fs::remove_file(&path))
-        .with_context(place)
+    files::check_directory(directory).context("--out")?;
+    for name in FILES {
+        files::check(&directory.join(name)).context("--out")?;
+    }
+    Ok(())
 }
 
 fn save_json(path: &Path, value: &impl Serialize) -> Result<()> {
-    let place = || path.display().to_string();
-    let mut file = BufWriter::new(File::create(path).with_context(place)?);
-    serde_json::to_writer(&mut file, value).with_context(place)?;
-    writeln!(file)
-        .and_then(|()| file.flush())
-        .with_context(place)
+    let mut text = serde_json::to_vec(value).with_context(|| path.display().to_string())?;
+    text.push(b'\n');
+    Ok(files::write(path, &text)?)
 }
 
 fn save(
@@ -179,7 +178,7 @@ fn save(
     save_json(&directory.join("profile.json"), profile)?;
     let path: PathBuf = directory.join("profile.hlog");
     let log = hlog::log(samples, began, profile.measured.seconds).context("profile.hlog")?;
-    std::fs::write(&path, log).with_context(|| path.display().to_string())?;
+    files::write(&path, &log)?;
     let around: Vec<(u32, u32)> = [&profile.typical, &profile.slowest]
         .into_iter()
         .flatten()
@@ -223,5 +222,5 @@ fn draw(path: &Path, profile: &Profile) -> Result<()> {
     .flatten()
     .collect();
     let drawing = picture::svg(&panels, &subtitle);
-    std::fs::write(path, drawing).with_context(|| path.display().to_string())
+    Ok(files::write(path, drawing.as_bytes())?)
 }

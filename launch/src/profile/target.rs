@@ -4,7 +4,7 @@ use crate::cli::{Clock, PlannerKind, UpArguments};
 use crate::failure::Failure;
 use crate::own;
 use anyhow::{Context, Result, anyhow};
-use runtime::instance::{default_root, nodes};
+use runtime::instance::{lookup_roots, nodes, root_for, root_of};
 use runtime::{ClockMode, Observer, RunArguments, list_instances, now_ns};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -81,7 +81,7 @@ pub fn start(
     let child = command.spawn().context("starting mirror up")?;
     let mut started = Started { child };
     let deadline = now_ns() + START_NS;
-    let root = default_root();
+    let root = root_for(instance);
     loop {
         if let Some(status) = started.ended() {
             return Err(Failure {
@@ -165,10 +165,13 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
 /// # Errors
 /// Status 2, with the names of those that run, if there is none of that name.
 pub fn attach(instance: &str) -> Result<Observer, Failure> {
-    let root = default_root();
-    Observer::attach(&root, instance, NODE).map_err(|error| {
-        let running: Vec<String> = list_instances(&root)
-            .unwrap_or_default()
+    let mut found = Vec::new();
+    for root in lookup_roots() {
+        let listed = list_instances(&root).map_err(|error| Failure::refused(anyhow!(error)))?;
+        found.extend(listed);
+    }
+    Observer::attach(&root_of(instance), instance, NODE).map_err(|error| {
+        let running: Vec<String> = found
             .into_iter()
             .filter(|state| state.launcher.is_some())
             .map(|state| state.instance)

@@ -10,7 +10,7 @@ use messages::{
     CommAction, Display, DriverAction, Header, HumanBelief, ImagineAnswer, ImagineRequest,
     LidarFrame, Observation, Report, RobotBelief, topic,
 };
-use runtime::instance::{default_root, nodes};
+use runtime::instance::{nodes, root_of};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
 use std::collections::BTreeMap;
 
@@ -363,7 +363,7 @@ impl Watch {
     /// Finds the processes of the set, and reads their processor times for the first time.
     fn find(&self, processes: &mut [Watched]) {
         let found = self.observer.instance();
-        for node in nodes(&default_root(), found).unwrap_or_default() {
+        for node in nodes(&root_of(found), found).unwrap_or_default() {
             let known = NAMES.iter().position(|name| *name == node.process);
             let place = match node.process.as_str() {
                 "launcher" => Some(NAMES.len()),

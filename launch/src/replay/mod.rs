@@ -9,14 +9,13 @@ mod setup;
 pub use setup::setup;
 
 use crate::cli::ReplayArguments;
-use crate::doctor::SHARED_MEMORY_NEEDED;
+use crate::doctor;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use report::Report;
 use resolve::Resolved;
-use runtime::instance::{default_root, shared_memory_free};
 use runtime::{ClockMode, InstanceLock, Launcher, now_ns};
 use set::Set;
 use std::process::ExitCode;
@@ -29,16 +28,13 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     let summary = summary.transpose().map_err(Failure::refused)?;
     let drive = ::replay::Drive::read(&arguments.recording).map_err(Failure::refused)?;
     let mut resolved = Resolved::new(arguments, &drive).map_err(Failure::refused)?;
-    let free = shared_memory_free();
-    if free < SHARED_MEMORY_NEEDED {
-        let (free, needed) = (free >> 20, SHARED_MEMORY_NEEDED >> 20);
-        return Err(Failure::refused(anyhow!(
-            "/dev/shm has {free} MiB free, a set of processes needs {needed}"
-        )));
-    }
+    doctor::check_open_files().map_err(Failure::refused)?;
     let name = arguments.instance.clone();
     let name = name.unwrap_or_else(|| format!("replay-{}", std::process::id()));
-    let lock = InstanceLock::acquire(&default_root(), &name).map_err(Failure::refused)?;
+    let lock = InstanceLock::take(&name).map_err(Failure::refused)?;
+    let is_gridworld = resolved.belief.gridworld.is_some();
+    let plans = resolved.planner.method != planner::Method::None;
+    doctor::make_room(is_gridworld, plans).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, ClockMode::Lockstep)?;
     let directory = launcher.arguments().directory();

@@ -220,7 +220,7 @@ impl Report {
     /// Names the file.
     pub fn save(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).context("the replay's summary")?;
-        std::fs::write(path, text + "\n").with_context(|| path.display().to_string())
+        Ok(files::write(path, (text + "\n").as_bytes())?)
     }
 
     /// The report for people, with at most `lines` steps.

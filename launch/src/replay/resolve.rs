@@ -73,7 +73,7 @@ impl Resolved {
             None => human.kind,
         };
         let shipped = match &belief.gridworld {
-            None => inputs::pretrained().join("highway-self.safetensors"),
+            None => models::shipped::path(models::shipped::HIGHWAY),
             Some(scene) => shipped_self_model(scene.domain()),
         };
         let (model, self_model) =
@@ -221,7 +221,7 @@ impl Resolved {
                 known.blake3
             );
         }
-        std::fs::write(path, bytes).with_context(|| path.display().to_string())?;
+        files::write(path, bytes)?;
         Ok(true)
     }
 
@@ -321,8 +321,8 @@ fn self_model(
         )
     })?;
     if let Some(path) = &arguments.self_model {
-        let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
-        let now = digest(&path).context("--self-model")?;
+        let path = inputs::model_file(path)?;
+        let now = inputs::model_digest(&path).context("--self-model")?;
         if now != recorded.blake3 {
             differences.push(format!(
                 "self-model {} instead of {}",
@@ -333,14 +333,14 @@ fn self_model(
         return Ok((path, now));
     }
     for path in [recorded.path.as_path(), shipped] {
-        if digest(path).is_ok_and(|now| now == recorded.blake3) {
+        if inputs::model_digest(path).is_ok_and(|now| now == recorded.blake3) {
             return Ok((path.to_owned(), recorded.blake3.clone()));
         }
     }
     let ModelFile {
         path, blake3: then, ..
     } = recorded;
-    match digest(path) {
+    match inputs::model_digest(path) {
         Ok(now) if arguments.human.is_some() => {
             let text = format!(
                 "self-model {} has changed since: digest {then} then, {now} now",

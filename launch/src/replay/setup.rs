@@ -1,5 +1,6 @@
 //! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
 
+use crate::inputs;
 use crate::place::Who;
 use crate::process::NAMES;
 use crate::up::plan::Plan;
@@ -30,16 +31,23 @@ pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
     }
     let human: human::Options =
         serde_json::from_value(options["human"].clone()).context("options of human")?;
-    let identify = |path, attached| {
-        ModelFile::identify(path, attached).context("what the recording shall say about its models")
+    let identify = |path| {
+        ModelFile::identify(path, true).context("what the recording shall say about its models")
     };
     let mut files = BTreeMap::new();
-    files.insert(SELF_MODEL.to_owned(), identify(&plan.self_model.0, false)?);
+    let model = &plan.self_model.0;
+    let digest = inputs::model_digest(model);
+    let self_model = ModelFile {
+        path: model.clone(),
+        blake3: digest.context("what the recording shall say about its models")?,
+        attached: false,
+    };
+    files.insert(SELF_MODEL.to_owned(), self_model);
     if let Some(path) = &human.implants {
-        files.insert(IMPLANTS.to_owned(), identify(path, true)?);
+        files.insert(IMPLANTS.to_owned(), identify(path)?);
     }
     if let Who::Acting(Acting::File(path)) = &plan.driver.who {
-        files.insert(PERSON.to_owned(), identify(path, true)?);
+        files.insert(PERSON.to_owned(), identify(path)?);
     }
     let clock = match plan.clock {
         ClockMode::Lockstep => "lockstep",

@@ -83,8 +83,13 @@ impl Door {
     pub fn open(directory: &Path) -> Result<Self> {
         let path = path(directory);
         let _ = std::fs::remove_file(&path); // a dead launcher's
+        let private = std::os::unix::fs::PermissionsExt::from_mode(0o600);
         let listener = UnixListener::bind(&path)
-            .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
+            .and_then(|listener| {
+                std::fs::set_permissions(&path, private)?;
+                listener.set_nonblocking(true)?;
+                Ok(listener)
+            })
             .with_context(|| path.display().to_string())?;
         Ok(Self {
             listener,

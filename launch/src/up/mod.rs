@@ -13,14 +13,13 @@ mod supervise;
 mod swap;
 mod tally;
 
+use crate::cli::PlannerKind;
 use crate::cli::UpArguments;
-use crate::doctor::SHARED_MEMORY_NEEDED;
+use crate::doctor;
 use crate::failure::Failure;
 use crate::screen::Screen;
-use anyhow::anyhow;
 use plan::Plan;
 use run::Run;
-use runtime::instance::{default_root, shared_memory_free};
 use runtime::{InstanceLock, Launcher, now_ns};
 use std::process::ExitCode;
 use summary::Summary;
@@ -28,14 +27,11 @@ use summary::Summary;
 /// Runs `mirror up`.
 pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let mut plan = Plan::resolve(arguments).map_err(Failure::refused)?;
-    let free = shared_memory_free();
-    if free < SHARED_MEMORY_NEEDED {
-        let (free, needed) = (free >> 20, SHARED_MEMORY_NEEDED >> 20);
-        return Err(Failure::refused(anyhow!(
-            "/dev/shm has {free} MiB free, a set of processes needs {needed}"
-        )));
-    }
-    let lock = InstanceLock::acquire(&default_root(), &plan.instance).map_err(Failure::refused)?;
+    doctor::check_open_files().map_err(Failure::refused)?;
+    let lock = InstanceLock::take(&plan.instance).map_err(Failure::refused)?;
+    let is_gridworld = plan.scene.gridworld().is_some();
+    let plans = plan.planner != PlannerKind::None;
+    doctor::make_room(is_gridworld, plans).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, plan.clock)?;
     plan.learn(launcher.arguments())?;

@@ -96,7 +96,9 @@ impl Plan {
                 Clock::Lockstep => ClockMode::Lockstep,
                 Clock::Realtime => ClockMode::RealTime,
             },
-            record: option("--record", &arguments.record)?,
+            record: (arguments.record.as_deref())
+                .map(|path| inputs::writable_file("--record", path))
+                .transpose()?,
             summary: option("--summary", &arguments.summary)?,
             instance: arguments
                 .instance

@@ -269,7 +269,7 @@ impl Summary {
     /// Names the file.
     pub fn save(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).context("the summary")?;
-        std::fs::write(path, text + "\n").with_context(|| path.display().to_string())
+        Ok(files::write(path, (text + "\n").as_bytes())?)
     }
 
     /// The summary for people.

@@ -32,7 +32,7 @@ pub(crate) fn write(drawing: &impl Drawing, size: (u32, u32), stem: &Path) -> an
         root.present()
             .map_err(|e| anyhow!("{}: {e}", svg.display()))?;
     }
-    std::fs::write(&svg, text).with_context(|| svg.display().to_string())?;
+    files::write(&svg, text.as_bytes())?;
     let mut pixels = vec![0; 3 * size.0 as usize * size.1 as usize];
     {
         let root = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
@@ -43,7 +43,7 @@ pub(crate) fn write(drawing: &impl Drawing, size: (u32, u32), stem: &Path) -> an
             .map_err(|e| anyhow!("{}: {e}", png.display()))?;
     }
     let bytes = encode(&pixels, size).with_context(|| png.display().to_string())?;
-    std::fs::write(&png, bytes).with_context(|| png.display().to_string())
+    Ok(files::write(&png, &bytes)?)
 }
 
 /// A PNG of red, green and blue bytes, row after row.

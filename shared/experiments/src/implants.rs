@@ -3,7 +3,6 @@
 
 use crate::drawing_file::{self, Drawing};
 use crate::drive::demonstrate;
-use anyhow::Context;
 use domains::highway::{Cockpit, Person, Scene, SimulatedDriver, World};
 use models::implants::range_of;
 use models::observation::{AZIMUTHS, RANGE_M};
@@ -169,7 +168,7 @@ pub fn write_csv(reports: &[Report], out: &Path) -> anyhow::Result<()> {
         }
     }
     let path = out.join("implants.csv");
-    std::fs::write(&path, text).with_context(|| path.display().to_string())
+    Ok(files::write(&path, text.as_bytes())?)
 }
 
 /// Draws some people's implants seen from above, front up: the true limits as an outline, the learned ones as bars,

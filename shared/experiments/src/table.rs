@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use std::collections::BTreeSet;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -20,6 +20,7 @@ impl Table {
     /// # Errors
     /// If the file cannot be written, or has other columns.
     pub fn open(path: &Path, header: &str, key: usize) -> anyhow::Result<Self> {
+        files::check_regular(path)?;
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -44,10 +45,7 @@ impl Table {
             }
         }
         replace(path, &kept)?;
-        let file = OpenOptions::new()
-            .append(true)
-            .open(path)
-            .with_context(|| path.display().to_string())?;
+        let file = files::log(path, true)?;
         Ok(Self {
             path: path.to_owned(),
             file: Mutex::new(file),
@@ -106,6 +104,7 @@ impl Table {
 /// # Errors
 /// If the file says otherwise, or cannot be written.
 pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()> {
+    files::check_regular(path)?;
     match std::fs::read_to_string(path) {
         Ok(text) => {
             // A file that was only half written is written again.
@@ -124,20 +123,12 @@ pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()>
     replace(path, &format!("{about:#}\n"))
 }
 
-/// Writes beside a file and moves the whole over it: who is stopped here, or finds the disk full, leaves the old one as it was.
+/// Writes a file whole or not at all: see [`files::write`].
 ///
 /// # Errors
 /// Names the file that cannot be written.
 pub(crate) fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
-    let mut fresh = path.as_os_str().to_owned();
-    fresh.push(".part");
-    let fresh = PathBuf::from(fresh);
-    let written = File::create(&fresh).and_then(|mut file| {
-        file.write_all(text.as_bytes())?;
-        file.sync_all()
-    });
-    written.with_context(|| fresh.display().to_string())?;
-    std::fs::rename(&fresh, path).with_context(|| path.display().to_string())
+    Ok(files::write(path, text.as_bytes())?)
 }
 
 /// Writes a report as JSON, whole or not at all.
@@ -169,17 +160,12 @@ mod tests {
         ensure_same(&path, &about).expect("half a file");
     }
 
-    /// A disk that takes nothing more loses no row that was there: `/dev/full` in the place of what is written beside.
     #[test]
-    fn a_full_disk_leaves_the_old_table() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("t.csv");
-        let old = "a,b\n1,2\n3,4\n";
-        std::fs::write(&path, old).expect("written");
-        std::os::unix::fs::symlink("/dev/full", folder.path().join("t.csv.part")).expect("linked");
-        let error = Table::open(&path, "a,b", 1).err().expect("full");
-        assert!(error.to_string().contains("t.csv.part"), "{error}");
-        assert_eq!(std::fs::read_to_string(&path).expect("there"), old);
+    fn what_cannot_be_read_back_is_no_table() {
+        let error = Table::open(Path::new("/dev/null"), "a,b", 1)
+            .err()
+            .expect("a device");
+        assert!(error.to_string().contains("/dev/null"), "{error}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::implants::Implants;
 use crate::self_model::{SelfModel, Sizes};
+use crate::shipped;
 use nn::checkpoint::{Checkpoint, CheckpointError};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -125,7 +126,7 @@ pub fn save_self_model(
 /// # Errors
 /// If the file is missing, damaged, of another version, or holds something else.
 pub fn load_self_model(path: &Path) -> Result<SelfModel, ModelFileError> {
-    self_model_from(&nn::checkpoint::load(path)?)
+    self_model_from(&shipped::load(path)?)
 }
 
 /// The self-model in a checkpoint.

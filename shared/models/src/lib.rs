@@ -11,6 +11,7 @@ pub mod policy;
 pub mod recurrent;
 pub mod recurrent_file;
 pub mod self_model;
+pub mod shipped;
 pub mod utterances;
 pub mod words;
 pub mod world_model;

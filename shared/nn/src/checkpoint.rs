@@ -1,14 +1,11 @@
 //! Checkpoints as safetensors files, readable from Python: parameters, further tensors and metadata.
 //!
 //! Matrices are stored row by row with shape [rows, cols], as PyTorch's `Linear.weight` has them (outputs × inputs);
-//! further tensors are flat. The same contents always give the same bytes. Saving goes through a temporary file in the
-//! same folder that replaces the target only when it is on disk.
+//! further tensors are flat. The same contents always give the same bytes.
 
 use crate::{Parameters, Tensor};
 use safetensors::{Dtype, SafeTensors};
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Version of the layout, in the metadata under [`VERSION_KEY`].
@@ -19,7 +16,10 @@ pub const VERSION_KEY: &str = "mirror.checkpoint";
 /// Why a checkpoint could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// The file could not be opened, read or written.
+    /// The file could not be written.
+    #[error(transparent)]
+    Write(#[from] files::FileError),
+    /// The file could not be opened or read.
     #[error("{path}: {source}")]
     Io {
         /// The file.
@@ -171,7 +171,7 @@ pub fn to_bytes(
     Ok(out)
 }
 
-/// Writes a checkpoint so that `path` holds either what it held before or all of the new contents.
+/// Writes a checkpoint so that `path` holds either what it held before or all of the new contents: see [`files::write`].
 ///
 /// # Errors
 /// If the folder cannot be written, or two tensors have the same name.
@@ -182,32 +182,7 @@ pub fn save(
     metadata: &BTreeMap<String, String>,
 ) -> Result<(), CheckpointError> {
     let bytes = to_bytes(parameters, extras, metadata)?;
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    // The process id keeps two writers of one target apart.
-    name.push(format!(".{}.partial", std::process::id()));
-    let partial = path.with_file_name(name);
-    let at = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| CheckpointError::Io { path, source }
-    };
-    let written = File::create(&partial).and_then(|mut file| {
-        file.write_all(&bytes)?;
-        file.sync_all()
-    });
-    let result = written
-        .map_err(at(&partial))
-        .and_then(|()| std::fs::rename(&partial, path).map_err(at(path)));
-    if result.is_err() {
-        // Nothing more can be done about what is left than to try to remove it.
-        let _ = std::fs::remove_file(&partial);
-        return result;
-    }
-    // The rename itself reaches the disk with the folder.
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    File::open(folder)
-        .and_then(|folder| folder.sync_all())
-        .map_err(at(folder))
+    Ok(files::write(path, &bytes)?)
 }
 
 /// A tensor as it stood in a checkpoint.

@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn run(name: &str, processes: &[&str], spin_us: u32) -> Result<(), Box<dyn std::error::Error>> {
-    let lock = InstanceLock::acquire(&runtime::instance::default_root(), "bench")?;
+    let lock = InstanceLock::take("bench")?;
     let mut launcher = Launcher::open(lock, 1, ClockMode::Lockstep)?;
     let program = std::env::current_exe()?;
     let mut children: Vec<Child> = Vec::new();

@@ -1,8 +1,10 @@
 //! What the launcher tells a process about the run that it joins.
 
 use crate::error::InstanceError;
-use crate::instance;
+use crate::{instance, private};
+use rustix::fs::OFlags;
 use serde::{Deserialize, Serialize};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// How time passes (DESIGN §3).
@@ -22,7 +24,7 @@ pub enum ClockMode {
 pub struct RunArguments {
     /// Name of the instance: letters, digits, `-` and `_`, at most 32.
     pub instance: String,
-    /// Directory that holds all instances, normally [`instance::default_root`].
+    /// Directory that holds all instances, normally [`instance::root_for`] its name.
     pub root: PathBuf,
     /// Identity of the run, in every message's header.
     pub run_id: u64,
@@ -149,13 +151,19 @@ impl RunArguments {
     /// [`InstanceError::Io`] naming the file.
     pub fn write(&self) -> Result<PathBuf, InstanceError> {
         let directory = self.directory();
-        let path = directory.join(format!("{}.{}.json", self.process, self.index));
+        let name = format!("{}.{}.json", self.process, self.index);
+        let path = directory.join(&name);
         let io = |source| InstanceError::Io {
             path: path.clone(),
             source,
         };
-        instance::create_private(&directory).map_err(io)?;
-        std::fs::write(&path, self.to_json()).map_err(io)?;
+        private::create(&self.root)?;
+        let held = private::create(&directory)?;
+        let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::TRUNC;
+        let made = private::file(&held, &name, &path, flags)?;
+        made.ok_or(std::io::ErrorKind::NotFound.into())
+            .and_then(|mut file| file.write_all(self.to_json().as_bytes()))
+            .map_err(io)?;
         Ok(path)
     }
 

@@ -70,7 +70,7 @@ pub enum InstanceError {
         pid: u32,
     },
     /// Not a name for an instance.
-    #[error("instance name {name:?} is not 1 to 32 letters, digits, `-` and `_`")]
+    #[error("instance name {name:?} is not 1 to 32 letters, digits, `-` and `_`, the first no `-`")]
     Name {
         /// What was given.
         name: String,
@@ -79,6 +79,14 @@ pub enum InstanceError {
     #[error("{path}: not usable as the directory of instances: {reason}")]
     Root {
         /// The path.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A directory or file is not this user's alone, and so not used.
+    #[error("{path}: {reason}")]
+    Untrusted {
+        /// The directory or file.
         path: PathBuf,
         /// Why.
         reason: String,

@@ -3,34 +3,34 @@
 //! An instance lives in `<root>/<name>/` (iceoryx2's nodes, services and sockets, and the arguments of its processes), in
 //! files of `/dev/shm` that start with a prefix derived from root and name (the messages), and in `<root>/<name>.lock`,
 //! which its launcher holds locked: the kernel releases it however the launcher ends. The lock file itself
-//! stays. The usual root is `/tmp/mirror-<uid>`.
+//! stays. Where the usual root is, [`root_for`] says. Root and directories are this user's alone, or they are not used.
 
 use crate::error::InstanceError;
 use crate::service::Ipc;
+use crate::{orphans, private};
 use iceoryx2::config::Config;
 use iceoryx2::node::{NodeState, NodeView};
 use iceoryx2::prelude::{
     CallbackProgression, FileName, LogLevel, Path as IoxPath, SemanticString, set_log_level,
 };
-use std::fs::{File, OpenOptions};
+use rustix::fs::OFlags;
+use std::fs::File;
 use std::io::{Read, Seek, Write};
-use std::os::fd::AsRawFd;
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+pub use crate::roots::{lookup_roots, root_for, root_of};
 
 /// Longest path of a Unix socket, without its terminating zero.
 const SOCKET_PATH: usize = 107;
-const SHARED_MEMORY: &str = "/dev/shm";
-
-/// `/tmp/mirror-<uid>`.
-pub fn default_root() -> PathBuf {
-    // SAFETY: `getuid` cannot fail.
-    PathBuf::from(format!("/tmp/mirror-{}", unsafe { libc::getuid() }))
-}
+/// How long a start waits for somebody who just cleans up.
+const CLEANING: Duration = Duration::from_secs(5);
 
 pub(crate) fn check_name(name: &str) -> Result<(), InstanceError> {
+    // What begins with a dash is an option to every command.
     let fits = (1..=32).contains(&name.len())
+        && !name.starts_with('-')
         && name
             .bytes()
             .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_');
@@ -48,15 +48,15 @@ pub fn directory(root: &Path, instance: &str) -> PathBuf {
     root.join(instance)
 }
 
-fn lock_path(root: &Path, instance: &str) -> PathBuf {
-    root.join(format!("{instance}.lock"))
-}
-
-pub(crate) fn create_private(directory: &Path) -> std::io::Result<()> {
-    std::fs::DirBuilder::new()
-        .recursive(true)
-        .mode(0o700)
-        .create(directory)
+/// Opens the file that a launcher holds locked; none if it is not there and shall not be made.
+fn lock_file(
+    root: &OwnedFd,
+    path: &Path,
+    instance: &str,
+    flags: OFlags,
+) -> Result<Option<File>, InstanceError> {
+    let name = format!("{instance}.lock");
+    private::file(root, &name, &path.join(&name), flags)
 }
 
 /// The start of all of an instance's file names in shared memory.
@@ -65,7 +65,17 @@ pub fn prefix(root: &Path, instance: &str) -> String {
     format!("m{:08x}_", messages::layout_hash(&place) >> 32)
 }
 
+/// Whether the sockets of an instance have room for their paths. A listener's is `<directory>/<prefix><up to 39 digits>.event`.
+pub(crate) fn fits(root: &Path, instance: &str) -> bool {
+    let directory = directory(root, instance);
+    let listener = "/".len() + prefix(root, instance).len() + 39 + ".event".len();
+    directory.as_os_str().len() + listener <= SOCKET_PATH
+}
+
 /// iceoryx2's configuration for an instance: its own root path and its own prefix.
+///
+/// # Errors
+/// [`InstanceError::Root`], and [`InstanceError::Untrusted`] if its directory is there and not this user's alone.
 pub(crate) fn config(root: &Path, instance: &str) -> Result<Config, InstanceError> {
     set_log_level(LogLevel::Error);
     let directory = directory(root, instance);
@@ -78,9 +88,11 @@ pub(crate) fn config(root: &Path, instance: &str) -> Result<Config, InstanceErro
     }
     let text = directory.to_str().ok_or_else(|| bad("it is not UTF-8"))?;
     let prefix = prefix(root, instance);
-    // A listener's socket is `<directory>/<prefix><up to 39 digits>.event`.
-    if text.len() + 1 + prefix.len() + 39 + ".event".len() > SOCKET_PATH {
+    if !fits(root, instance) {
         return Err(bad("it is too long for the sockets below it"));
+    }
+    if private::open(root)?.is_some() {
+        private::open(&directory)?;
     }
     let mut config = Config::default();
     let path = IoxPath::new(text.as_bytes()).map_err(|error| bad(&format!("{error:?}")))?;
@@ -105,35 +117,56 @@ fn whole_file_lock() -> libc::flock {
 
 /// Whether a launcher holds the instance. Asking takes no lock itself, so it disturbs nobody who wants it.
 pub(crate) fn is_locked(root: &Path, instance: &str) -> bool {
-    match File::open(lock_path(root, instance)) {
-        Ok(file) => {
-            let mut lock = whole_file_lock();
-            // SAFETY: a live descriptor and a live structure.
-            let asked = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_GETLK, &mut lock) };
-            asked == 0 && lock.l_type != libc::F_UNLCK as libc::c_short
-        }
-        Err(_) => false,
-    }
+    matches!(held(root, instance), Ok(Some(_)))
 }
 
-/// Process id of the launcher that holds the instance, if one does.
+/// The file of an instance that somebody holds locked.
+fn held(root: &Path, instance: &str) -> Result<Option<File>, InstanceError> {
+    let Some(directory) = private::open(root)? else {
+        return Ok(None);
+    };
+    let file = lock_file(&directory, root, instance, OFlags::RDONLY)?;
+    Ok(file.filter(|file| {
+        let mut lock = whole_file_lock();
+        // SAFETY: a live descriptor and a live structure.
+        let asked = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_GETLK, &mut lock) };
+        asked == 0 && lock.l_type != libc::F_UNLCK as libc::c_short
+    }))
+}
+
+/// Process id of the launcher that holds the instance, if one does; 0 if it does not say.
 pub fn launcher(root: &Path, instance: &str) -> Option<u32> {
-    is_locked(root, instance).then(|| {
-        let text = std::fs::read_to_string(lock_path(root, instance)).unwrap_or_default();
-        text.trim().parse().unwrap_or(0)
-    })
+    let mut file = held(root, instance).ok()??;
+    let mut text = String::new();
+    let _ = file.read_to_string(&mut text);
+    Some(text.trim().parse().unwrap_or(0))
 }
 
-/// Bytes free for messages in `/dev/shm`; a set needs about 32 MiB.
-pub fn shared_memory_free() -> u64 {
-    // SAFETY: a terminated path and a live structure.
-    unsafe {
-        let mut status: libc::statvfs = core::mem::zeroed();
-        match libc::statvfs(c"/dev/shm".as_ptr(), &mut status) {
-            0 => status.f_bavail * status.f_frsize,
-            _ => 0,
+/// Takes the lock of an instance, and makes its root where there is none. If somebody else has it: their process id, or 0
+/// if they do not say.
+fn try_lock(root: &Path, instance: &str) -> Result<Result<File, u32>, InstanceError> {
+    let path = root.join(format!("{instance}.lock"));
+    let io = |source| InstanceError::Io {
+        path: path.clone(),
+        source,
+    };
+    let directory = private::create(root)?;
+    let made = lock_file(&directory, root, instance, OFlags::RDWR | OFlags::CREATE)?;
+    let Some(mut file) = made else {
+        return Err(io(std::io::ErrorKind::NotFound.into()));
+    };
+    // SAFETY: a live descriptor and a live structure.
+    if unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &whole_file_lock()) } != 0 {
+        let source = std::io::Error::last_os_error();
+        if source.kind() != std::io::ErrorKind::WouldBlock {
+            return Err(io(source));
         }
+        let mut text = String::new();
+        let _ = file.read_to_string(&mut text);
+        return Ok(Err(text.trim().parse().unwrap_or(0)));
     }
+    file.set_len(0).map_err(io)?;
+    Ok(Ok(file))
 }
 
 /// A launcher's hold on an instance; released when dropped, or by the kernel when the launcher ends in any way.
@@ -145,47 +178,53 @@ pub struct InstanceLock {
 }
 
 impl InstanceLock {
+    /// Takes an instance where [`root_for`] puts it, unless one of that name runs in another of this user's roots.
+    ///
+    /// # Errors
+    /// As [`InstanceLock::acquire`].
+    pub fn take(instance: &str) -> Result<Self, InstanceError> {
+        check_name(instance)?;
+        let root = root_for(instance);
+        for other in lookup_roots().iter().filter(|other| **other != root) {
+            if let Some(pid) = launcher(other, instance) {
+                let instance = instance.to_owned();
+                return Err(InstanceError::InUse { instance, pid });
+            }
+        }
+        Self::acquire(&root, instance)
+    }
+
     /// Takes the instance, and removes what an earlier run of it left: processes that outlived their launcher get a
     /// second to end and are then killed.
     ///
     /// # Errors
-    /// [`InstanceError::InUse`] while another launcher lives.
+    /// [`InstanceError::InUse`] while another launcher lives, [`InstanceError::Untrusted`] where others could reach into it.
     pub fn acquire(root: &Path, instance: &str) -> Result<Self, InstanceError> {
         check_name(instance)?;
         config(root, instance)?;
-        let path = lock_path(root, instance);
-        let io = |source| InstanceError::Io {
-            path: path.clone(),
-            source,
-        };
-        create_private(root).map_err(io)?;
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(&path)
-            .map_err(io)?;
-        // SAFETY: a live descriptor and a live structure.
-        if unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &whole_file_lock()) } != 0 {
-            let source = std::io::Error::last_os_error();
-            if source.kind() != std::io::ErrorKind::WouldBlock {
-                return Err(io(source));
+        let end = Instant::now() + CLEANING;
+        let mut file = loop {
+            match try_lock(root, instance)? {
+                Ok(file) => break file,
+                // Who holds it without a word is removing what a dead run left.
+                Err(0) if Instant::now() < end => std::thread::sleep(Duration::from_millis(5)),
+                Err(pid) => {
+                    let instance = instance.to_owned();
+                    return Err(InstanceError::InUse { instance, pid });
+                }
             }
-            let mut text = String::new();
-            let _ = file.read_to_string(&mut text);
-            return Err(InstanceError::InUse {
-                instance: instance.to_owned(),
-                pid: text.trim().parse().unwrap_or(0),
-            });
-        }
-        file.set_len(0).map_err(io)?;
-        file.rewind().map_err(io)?;
-        writeln!(file, "{}", std::process::id()).map_err(io)?;
-        end_orphans(root, instance)?;
+        };
+        let written = file
+            .rewind()
+            .and_then(|()| writeln!(file, "{}", std::process::id()));
+        written.map_err(|source| InstanceError::Io {
+            path: root.join(format!("{instance}.lock")),
+            source,
+        })?;
+        orphans::end(root, instance)?;
         remove_everything(root, instance)?;
-        create_private(&directory(root, instance)).map_err(io)?;
+        private::check_shared(&prefix(root, instance))?;
+        private::create(&directory(root, instance))?;
         Ok(Self {
             root: root.to_owned(),
             instance: instance.to_owned(),
@@ -265,40 +304,6 @@ pub fn nodes(root: &Path, instance: &str) -> Result<Vec<NodeEntry>, InstanceErro
     Ok(found)
 }
 
-/// Waits for a process's end, at most so long; true if it has ended.
-fn wait_for_end(pid: u32, patience: Duration) -> bool {
-    // SAFETY: plain system calls with valid arguments.
-    unsafe {
-        let descriptor = libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) as i32;
-        if descriptor < 0 {
-            return true;
-        }
-        let mut poll = libc::pollfd {
-            fd: descriptor,
-            events: libc::POLLIN,
-            revents: 0,
-        };
-        let ended = libc::poll(&mut poll, 1, patience.as_millis() as i32) > 0;
-        libc::close(descriptor);
-        ended
-    }
-}
-
-/// Ends processes whose launcher is dead; only for who holds the lock.
-fn end_orphans(root: &Path, instance: &str) -> Result<(), InstanceError> {
-    let orphans = nodes(root, instance)?
-        .into_iter()
-        .filter(|node| node.alive && node.pid != 0 && node.pid != std::process::id());
-    for orphan in orphans {
-        if !wait_for_end(orphan.pid, Duration::from_millis(1_200)) {
-            // SAFETY: signals a process that holds a node of this instance.
-            unsafe { libc::kill(orphan.pid as libc::pid_t, libc::SIGKILL) };
-            wait_for_end(orphan.pid, Duration::from_secs(1));
-        }
-    }
-    Ok(())
-}
-
 /// What [`cleanup_dead`] removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CleanupReport {
@@ -317,15 +322,16 @@ pub struct CleanupReport {
 /// [`InstanceError`].
 pub fn cleanup_dead(root: &Path, instance: &str) -> Result<CleanupReport, InstanceError> {
     check_name(instance)?;
-    let mut report = if is_locked(root, instance) {
-        clean_nodes(root, instance)?
-    } else {
-        end_orphans(root, instance)?;
-        clean_nodes(root, instance)?
-    };
-    if !is_locked(root, instance) {
-        report.files = remove_everything(root, instance)?;
+    if private::open(root)?.is_none() {
+        return Ok(CleanupReport::default());
     }
+    // Held meanwhile, so that nobody starts in what is being removed.
+    let Ok(_lock) = try_lock(root, instance)? else {
+        return clean_nodes(root, instance);
+    };
+    orphans::end(root, instance)?;
+    let mut report = clean_nodes(root, instance)?;
+    report.files = remove_everything(root, instance)?;
     Ok(report)
 }
 
@@ -352,36 +358,29 @@ pub(crate) fn clean_nodes(root: &Path, instance: &str) -> Result<CleanupReport, 
     Ok(report)
 }
 
-fn shared_files(root: &Path, instance: &str) -> Vec<PathBuf> {
+fn remove_everything(root: &Path, instance: &str) -> Result<u64, InstanceError> {
     let prefix = prefix(root, instance);
-    let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) else {
-        return Vec::new();
-    };
-    entries
-        .flatten()
-        .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
-        .map(|entry| entry.path())
-        .collect()
+    let files = private::remove_shared(&prefix);
+    private::remove(root, instance, &prefix)?;
+    Ok(files)
 }
 
-fn remove_everything(root: &Path, instance: &str) -> Result<u64, InstanceError> {
-    let mut files = 0;
-    for path in shared_files(root, instance) {
-        if std::fs::remove_file(&path).is_ok() {
-            files += 1;
-        }
-    }
-    let path = directory(root, instance);
-    match std::fs::remove_dir_all(&path) {
-        Ok(()) => Ok(files),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(files),
-        Err(source) => Err(InstanceError::Io { path, source }),
-    }
+/// Takes from other users what rights they have to an instance's shared memory, and refuses what somebody else put there. For
+/// after a process has joined: before, its files are not there.
+///
+/// # Errors
+/// [`InstanceError::Untrusted`].
+pub(crate) fn close_to_others(root: &Path, instance: &str) -> Result<(), InstanceError> {
+    let prefix = prefix(root, instance);
+    private::close_shared(&prefix);
+    private::check_shared(&prefix)
 }
 
 /// An instance as `mirror doctor` shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InstanceState {
+    /// The root that it is in.
+    pub root: PathBuf,
     /// Its name.
     pub instance: String,
     /// Its launcher's process id, if one lives.
@@ -398,6 +397,7 @@ pub struct InstanceState {
 /// [`InstanceError`].
 pub fn list_instances(root: &Path) -> Result<Vec<InstanceState>, InstanceError> {
     let mut names = std::collections::BTreeSet::new();
+    private::open(root)?;
     let entries = match std::fs::read_dir(root) {
         Ok(entries) => entries,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -419,9 +419,10 @@ pub fn list_instances(root: &Path) -> Result<Vec<InstanceState>, InstanceError> 
     for instance in names {
         let launcher = launcher(root, &instance);
         let nodes = nodes(root, &instance)?;
-        let shared_files = shared_files(root, &instance).len();
+        let shared_files = private::shared_files(&prefix(root, &instance)).ours.len();
         if launcher.is_some() || !nodes.is_empty() || shared_files > 0 {
             states.push(InstanceState {
+                root: root.to_owned(),
                 instance,
                 launcher,
                 nodes,

@@ -46,6 +46,7 @@ impl Shared {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(|error| failed(format!("{error:?}")))?;
+        instance::close_to_others(&arguments.root, &arguments.instance)?;
         Ok(Rc::new(Self {
             node,
             run_id: arguments.run_id,

@@ -476,7 +476,18 @@ fn a_lockstep_wait_notices_being_overtaken() {
 #[test]
 fn bad_names_and_arguments_are_refused_in_words() {
     let scratch = Scratch::new();
-    for name in ["", "a/b", "..", "with space", "ä", &"x".repeat(33)] {
+    for name in [
+        "",
+        "a/b",
+        "..",
+        "with space",
+        "ä",
+        "-x",
+        "--clean",
+        "*",
+        "a\nb",
+        &"x".repeat(33),
+    ] {
         let error = InstanceLock::acquire(scratch.path(), name)
             .map(|_| ())
             .expect_err("not a name");

@@ -61,13 +61,8 @@ pub fn run<U: Unit>(
     ensure_same(&out.join(format!("{name}.settings.json")), &sheet.about)?;
     let table = Table::open(&out.join(format!("{name}.csv")), sheet.header, sheet.key)?;
     let times = out.join(format!("{name}.times.csv"));
-    let clock = Mutex::new(
-        std::fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(&times)
-            .with_context(|| times.display().to_string())?,
-    );
+    files::check_regular(&times)?;
+    let clock = Mutex::new(files::log(&times, true)?);
     let missing: Vec<&U> = units
         .iter()
         .filter(|unit| unit.keys().iter().any(|key| !table.has(key)))

@@ -63,7 +63,7 @@ impl DiscreteModel {
     /// # Errors
     /// If the file is missing, damaged, of another version, or holds something else.
     pub fn load(path: &Path, layout: Arc<Layout>) -> Result<Self, ModelFileError> {
-        model_from(&nn::checkpoint::load(path)?, layout)
+        model_from(&crate::shipped::load(path)?, layout)
     }
 }
 
