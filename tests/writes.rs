@@ -1,5 +1,5 @@
-//! Where results go: whatever a path names that the user gave, a link stays a link, a mode stays a mode, and a device or a pipe is
-//! never replaced by a file.
+//! Where results go: whatever a path names that the user gave, a link stays a link, a mode stays a mode, and a device
+//! or a pipe is never replaced by a file.
 
 mod common;
 

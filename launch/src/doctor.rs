@@ -10,8 +10,8 @@ use runtime::{
 };
 use std::process::ExitCode;
 
-/// Prints the report. Status 0 if all is well, 1 if something was left behind or a limit is too low, 2 if the directory of
-/// instances cannot be trusted.
+/// Prints the report. Status 0 if all is well, 1 if something was left behind or a limit is too low, 2 if the directory
+/// of instances cannot be trusted.
 pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     let mut well = true;
     for root in lookup_roots() {

@@ -179,8 +179,8 @@ pub struct EvaluateImplantsArguments {
 /// Options of `mirror evaluate real`.
 #[derive(Args, Debug)]
 pub struct EvaluateRealArguments {
-    /// Folder of CommonRoad scenarios (.xml); every moving vehicle in them is a driver [default: ../shared/data/commonroad beside the
-    /// project]
+    /// Folder of CommonRoad scenarios (.xml); every moving vehicle in them is a driver [default:
+    /// ../shared/data/commonroad]
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
     /// Splits of the drivers into two thirds to learn from and one third to test

@@ -30,6 +30,10 @@ pub struct Started {
 impl Started {
     /// Asks it to end, and waits for it.
     pub fn end(&mut self) {
+        // The id of one that was waited for may be somebody else's.
+        if self.ended().is_some() {
+            return;
+        }
         // SAFETY: signals a child that was not waited for yet, so its id is its own.
         unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
         let _ = self.child.wait();
@@ -44,9 +48,7 @@ impl Started {
 
 impl Drop for Started {
     fn drop(&mut self) {
-        if self.ended().is_none() {
-            self.end();
-        }
+        self.end();
     }
 }
 

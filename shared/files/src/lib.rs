@@ -1,8 +1,8 @@
 //! How every file that a user named is written.
 //!
 //! A regular file is replaced whole or not at all: the new contents are written beside it, reach the disk, and are then
-//! moved over it, with the mode and the owner that it had. Symbolic links stay, and what they point to is replaced. What
-//! is no file is never replaced: devices and pipes are written to, and anything else is refused in words.
+//! moved over it, with the mode and the owner that it had. Symbolic links stay, and what they point to is replaced.
+//! What is no file is never replaced: devices and pipes are written to, and anything else is refused in words.
 
 mod draft;
 mod target;

@@ -1,4 +1,5 @@
-//! A disk that takes nothing more: alone in its program, because the limit that stands in for it is the whole process's.
+//! A disk that takes nothing more: alone in its program, because the limit that stands in for it is the whole
+//! process's.
 
 use std::path::Path;
 

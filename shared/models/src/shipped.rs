@@ -1,5 +1,5 @@
-//! The self-models that ship, inside the program: it works wherever it is moved to, and a recording that names one of them
-//! can be replayed on any machine.
+//! The self-models that ship, inside the program: it works wherever it is moved to, and a recording that names one of
+//! them can be replayed on any machine.
 //!
 //! A path of the form `shipped:NAME` stands for one, wherever the path of a self-model is expected.
 

@@ -171,7 +171,8 @@ pub fn to_bytes(
     Ok(out)
 }
 
-/// Writes a checkpoint so that `path` holds either what it held before or all of the new contents: see [`files::write`].
+/// Writes a checkpoint so that `path` holds either what it held before or all of the new contents: see
+/// [`files::write`].
 ///
 /// # Errors
 /// If the folder cannot be written, or two tensors have the same name.

@@ -65,7 +65,8 @@ pub fn prefix(root: &Path, instance: &str) -> String {
     format!("m{:08x}_", messages::layout_hash(&place) >> 32)
 }
 
-/// Whether the sockets of an instance have room for their paths. A listener's is `<directory>/<prefix><up to 39 digits>.event`.
+/// Whether the sockets of an instance have room for their paths. A listener's is `<directory>/<prefix><up to 39
+/// digits>.event`.
 pub(crate) fn fits(root: &Path, instance: &str) -> bool {
     let directory = directory(root, instance);
     let listener = "/".len() + prefix(root, instance).len() + 39 + ".event".len();
@@ -142,8 +143,8 @@ pub fn launcher(root: &Path, instance: &str) -> Option<u32> {
     Some(text.trim().parse().unwrap_or(0))
 }
 
-/// Takes the lock of an instance, and makes its root where there is none. If somebody else has it: their process id, or 0
-/// if they do not say.
+/// Takes the lock of an instance, and makes its root where there is none. If somebody else has it: their process id, or
+/// 0 if they do not say.
 fn try_lock(root: &Path, instance: &str) -> Result<Result<File, u32>, InstanceError> {
     let path = root.join(format!("{instance}.lock"));
     let io = |source| InstanceError::Io {
@@ -197,8 +198,8 @@ impl InstanceLock {
     /// Takes the instance, and removes what an earlier run of it left: processes that outlived their launcher get a
     /// second to end and are then killed.
     ///
-    /// # Errors
-    /// [`InstanceError::InUse`] while another launcher lives, [`InstanceError::Untrusted`] where others could reach into it.
+    /// # Errors [`InstanceError::InUse`] while another launcher lives, [`InstanceError::Untrusted`] where others could
+    /// reach into it.
     pub fn acquire(root: &Path, instance: &str) -> Result<Self, InstanceError> {
         check_name(instance)?;
         config(root, instance)?;
@@ -365,8 +366,8 @@ fn remove_everything(root: &Path, instance: &str) -> Result<u64, InstanceError> 
     Ok(files)
 }
 
-/// Takes from other users what rights they have to an instance's shared memory, and refuses what somebody else put there. For
-/// after a process has joined: before, its files are not there.
+/// Takes from other users what rights they have to an instance's shared memory, and refuses what somebody else put
+/// there. For after a process has joined: before, its files are not there.
 ///
 /// # Errors
 /// [`InstanceError::Untrusted`].

@@ -1,7 +1,7 @@
 //! Ending processes that outlived their launcher, and no others.
 //!
-//! A process id may have been given to somebody else by now, or be another machine's or container's. So a process is only
-//! signalled through a descriptor, and only if the kernel says that the very process holds the lock on its node's
+//! A process id may have been given to somebody else by now, or be another machine's or container's. So a process is
+//! only signalled through a descriptor, and only if the kernel says that the very process holds the lock on its node's
 //! file in this instance's directory, which nobody but this user can reach.
 
 use crate::error::InstanceError;
@@ -28,7 +28,8 @@ struct Orphan {
     monitor: String,
 }
 
-/// Ends processes whose launcher is dead, giving them a second to do so themselves; only for who holds the instance's lock.
+/// Ends processes whose launcher is dead, giving them a second to do so themselves; only for who holds the instance's
+/// lock.
 ///
 /// # Errors
 /// [`InstanceError::Nodes`] if somebody lives on who is not to be signalled.

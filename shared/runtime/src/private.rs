@@ -1,9 +1,9 @@
 //! Directories and files that are this user's alone: found without following links, and checked before they are used.
 //!
-//! `/tmp` and `/dev/shm` are everybody's. A path there may be a link to this user's home, or another user's directory that
-//! waits for somebody to put a run into it. So directories are opened by descriptor, link by link, and what is below them is
-//! looked at and removed relative to these descriptors. A directory with no rights for others, below one in which
-//! nobody else may rename it, stays what it was found to be.
+//! `/tmp` and `/dev/shm` are everybody's. A path there may be a link to this user's home, or another user's directory
+//! that waits for somebody to put a run into it. So directories are opened by descriptor, link by link, and what is
+//! below them is looked at and removed relative to these descriptors. A directory with no rights for others, below one
+//! in which nobody else may rename it, stays what it was found to be.
 
 use crate::error::InstanceError;
 use rustix::fs::{AtFlags, CWD, Dir, FileType, Mode, OFlags, Stat};
@@ -209,8 +209,8 @@ impl Made<'_> {
     }
 }
 
-/// Removes a directory of an instance with everything that this program made in it. What is somebody else's, or a link, or has a name
-/// that the program gives to nothing, stays, and the directory with it.
+/// Removes a directory of an instance with everything that this program made in it. What is somebody else's, or a link,
+/// or has a name that the program gives to nothing, stays, and the directory with it.
 ///
 /// # Errors
 /// As [`open`], or [`InstanceError::Io`] naming what could not be removed.
@@ -313,8 +313,8 @@ pub(crate) fn remove_shared(prefix: &str) -> u64 {
     removed.count() as u64
 }
 
-/// Takes from others what rights they have to files of shared memory whose names begin with `prefix`: iceoryx2 makes its node counter
-/// for everybody to read and write.
+/// Takes from others what rights they have to files of shared memory whose names begin with `prefix`: iceoryx2 makes
+/// its node counter for everybody to read and write.
 pub(crate) fn close_shared(prefix: &str) {
     let Ok(directory) = shared_memory() else {
         return;
@@ -331,7 +331,8 @@ pub(crate) fn close_shared(prefix: &str) {
     }
 }
 
-/// Refuses an instance in whose shared memory somebody else has put something: its processes would take it for their own.
+/// Refuses an instance in whose shared memory somebody else has put something: its processes would take it for their
+/// own.
 ///
 /// # Errors
 /// [`InstanceError::Untrusted`] naming the file and its owner.

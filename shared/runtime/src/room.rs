@@ -7,15 +7,16 @@ use messages::{Message, topic};
 use rustix::fs::{Access, StatVfsMountFlags};
 use std::path::Path;
 
-/// Open files that every process of a set needs: the launcher has 177, a planner 161, and a swap or a profiler adds its own.
+/// Open files that every process of a set needs: the launcher has 177, a planner 161, and a swap or a profiler adds its
+/// own.
 pub const OPEN_FILES_NEEDED: u64 = 256;
 /// What iceoryx2 keeps for services, connections and events beside the messages; 0.9 MiB were measured.
 const BOOKKEEPING: u64 = 3 << 19;
 
 /// Bytes free for messages in `/dev/shm`.
 ///
-/// # Errors
-/// [`InstanceError::Io`] or [`InstanceError::Untrusted`] where it is missing, read-only, or not for this user to write in.
+/// # Errors [`InstanceError::Io`] or [`InstanceError::Untrusted`] where it is missing, read-only, or not for this user
+/// to write in.
 pub fn shared_memory_free() -> Result<u64, InstanceError> {
     let path = Path::new(SHARED_MEMORY);
     let unusable = |reason: &str| InstanceError::Untrusted {
@@ -37,8 +38,8 @@ pub fn shared_memory_free() -> Result<u64, InstanceError> {
     Ok(status.f_bavail * status.f_frsize)
 }
 
-/// Bytes of shared memory that a set needs while its processes keep up with each other. Of a publisher's room, which is as large as
-/// its slowest receiver may make it, only what is used is taken.
+/// Bytes of shared memory that a set needs while its processes keep up with each other. Of a publisher's room, which is
+/// as large as its slowest receiver may make it, only what is used is taken.
 ///
 /// `is_gridworld` says which world's observations are sent, `plans` whether planner and human model imagine.
 pub fn shared_memory_needed(is_gridworld: bool, plans: bool) -> u64 {

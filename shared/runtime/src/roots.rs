@@ -1,8 +1,9 @@
 //! Where this user's instances are.
 //!
-//! A new one goes to `$XDG_RUNTIME_DIR/mirror`, where that variable names a directory of this user's alone and the paths of
-//! sockets below it are not too long, and to `/tmp/mirror-<uid>` otherwise. A session without the variable (cron, `su`, a
-//! container's shell) has to find what another one started, so whoever looks for an instance looks in all of them.
+//! A new one goes to `$XDG_RUNTIME_DIR/mirror`, where that variable names a directory of this user's alone and the
+//! paths of sockets below it are not too long, and to `/tmp/mirror-<uid>` otherwise. A session without the variable
+//! (cron, `su`, a container's shell) has to find what another one started, so whoever looks for an instance looks in
+//! all of them.
 
 use crate::instance::{fits, launcher};
 use crate::private;

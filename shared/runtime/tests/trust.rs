@@ -1,4 +1,5 @@
-//! What a run trusts: directories and files of its own user alone; whom it ends: processes of its own; what it removes: what it made.
+//! What a run trusts: directories and files of its own user alone; whom it ends: processes of its own; what it removes:
+//! what it made.
 
 mod support;
 
