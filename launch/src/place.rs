@@ -118,6 +118,14 @@ impl NamedScene {
         }
     }
 
+    /// What the reader of a recorded scene passed over, in words.
+    pub fn notes(&self) -> &[String] {
+        match &self.place {
+            Place::Highway(scene, _) => scene.course.as_ref().map_or(&[], |course| &course.notes),
+            Place::Gridworld(..) => &[],
+        }
+    }
+
     /// What can be communicated.
     pub fn items(&self) -> ItemNames {
         match &self.place {

@@ -36,6 +36,10 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let mut launcher = Launcher::open(lock, run_id, plan.clock)?;
     plan.learn(launcher.arguments())?;
     let screen = Screen::new();
+    let notes = plan.scene.notes();
+    if !notes.is_empty() {
+        screen.line(&format!("{}: {}", plan.scene.name, notes.join("; ")));
+    }
     screen.status("starting the processes".to_owned());
     let mut run = Run::open(plan, &mut launcher, &screen)?;
     let ending = run.complete();

@@ -62,6 +62,8 @@ pub struct ProcessSummary {
 pub struct Summary {
     /// Scene.
     pub scene: String,
+    /// What the scene's reader passed over: which of several planning problems is driven, what was left out.
+    pub notes: Vec<String>,
     /// Human model.
     pub human: String,
     /// Planner.
@@ -157,6 +159,7 @@ impl Summary {
         let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
         let mut summary = Self {
             scene: plan.scene.name.clone(),
+            notes: plan.scene.notes().to_vec(),
             human: plan.kind_of_process("human"),
             planner: plan.planner.name().to_owned(),
             driver: plan.driver.name.clone(),

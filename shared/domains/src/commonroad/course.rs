@@ -3,6 +3,10 @@
 //! Every lane is a chain of lanelets through their successors; the road's reference line runs through the centres of
 //! the lanelets ahead of and behind the ego car. Recorded cars exist within the time that they were recorded and react
 //! to nothing. Static obstacles stand there all the time. Lanes of oncoming traffic are no part of the road.
+//!
+//! A round lasts as long as cars were recorded. It is refused where that is less than a second, or ends before the goal
+//! opens: what follows would be an empty road that nobody recorded. Where no car moves, or there is none, nothing is
+//! missing, and the round lasts until the goal's last time step. See the checks in [`super::start`].
 
 use super::error::CommonRoadError;
 use super::lanes::{LaneletMap, edges};
@@ -62,7 +66,8 @@ impl Scenario {
     /// then the road's reference line runs where that car drives. Times count from the planning problem's start.
     ///
     /// # Errors
-    /// When there is no planning problem, no such car, no road, or nothing is recorded over time.
+    /// When there is no planning problem, no such car, no road, or nothing is recorded over time; when the ego car starts
+    /// on no lane or in something that is not itself, or its way leads over a lanelet that was left out.
     pub fn course(&self, seat: Option<i32>) -> Result<Course, CommonRoadError> {
         let from_step = self
             .problems
@@ -91,11 +96,25 @@ impl Scenario {
         } else {
             Vec::new()
         };
-        let route = map.route(map.under([pose.x_m, pose.y_m], pose.heading_rad), &goals);
+        let under = map.under([pose.x_m, pose.y_m], pose.heading_rad);
+        let route = map.route(under, &goals);
         let road = self.road(&map, &route)?;
         let start_s_m = road.project(pose.x_m, pose.y_m).s_m;
         let road = road.with_core_at(start_s_m);
-        let last_step = self.last_step();
+        let mut own = None;
+        let mut still_s = None;
+        let last_step = match seat {
+            None => {
+                let problem = self.problem()?;
+                self.check_start(&map, &road, problem)?;
+                own = self.own_car(problem)?;
+                let (last, is_still) = self.last_round_step(problem, own)?;
+                still_s = is_still.then(|| f64::from(last - from_step) * self.step_s);
+                last
+            }
+            Some(_) => self.last_step(),
+        };
+        self.check_route(&map, under, &route, &goals)?;
         if last_step <= from_step {
             return Err(
                 self.lacks("no obstacle moves after the start, so there is nothing to replay")
@@ -109,9 +128,17 @@ impl Scenario {
             .map(|lane| lane.to_m)
             .filter(|to_m| *to_m > length - MAP_EDGE_M);
         let edge_s_m = ends.fold(length, f64::min);
+        if seat.is_none() && start_s_m >= edge_s_m {
+            let said = format!(
+                "the ego car starts at ({}, {}), where the map ends",
+                pose.x_m, pose.y_m
+            );
+            return Err(self.refuses(&self.problem()?.mark, said));
+        }
         let traffic: Vec<_> = self
             .obstacles
             .iter()
+            .filter(|obstacle| Some(obstacle.id) != own)
             .filter_map(|obstacle| self.participant(obstacle, from_step, last_step))
             .collect();
         if let Some(id) = seat.filter(|id| traffic.iter().all(|car| car.id != *id)) {
@@ -135,6 +162,7 @@ impl Scenario {
             start: pose,
             start_speed_mps: start.speed_mps.max(0.0),
             duration_s: f64::from(last_step - from_step) * self.step_s,
+            notes: self.notes(own, still_s),
         })
     }
 
@@ -265,23 +293,34 @@ impl Scenario {
         })
     }
 
+    /// The lanelets that a goal lies on.
     fn goal_lanelets(&self, map: &LaneletMap) -> Result<Vec<usize>, CommonRoadError> {
         let places = self
             .problem()?
             .goals
             .iter()
             .flat_map(|goal| goal.places.iter().flatten());
-        Ok(places
-            .flat_map(|place| match place {
-                Place::Lanelet(id) => self.lanelet_index(*id).into_iter().collect::<Vec<_>>(),
+        let (mut found, mut bad) = (Vec::new(), None);
+        for place in places {
+            match place {
+                Place::Lanelet(id) => {
+                    bad = bad.or(self.bad_lanelet(*id));
+                    found.extend(self.lanelet_index(*id));
+                }
                 Place::Area(shape) => {
                     let middle = shape.middle();
-                    (0..self.lanelets.len())
-                        .filter(|index| map.contains(*index, middle))
-                        .collect()
+                    let all = 0..self.lanelets.len();
+                    found.extend(all.filter(|index| map.contains(*index, middle)));
                 }
-            })
-            .collect())
+            }
+        }
+        match bad.filter(|_| found.is_empty()) {
+            None => Ok(found),
+            Some(bad) => {
+                let said = format!("{}; lanelet {} is the ego car's goal", bad.problem, bad.id);
+                Err(self.refuses(&bad.mark, said))
+            }
+        }
     }
 
     fn goal_region(&self, from_step: u32) -> Result<GoalRegion, CommonRoadError> {

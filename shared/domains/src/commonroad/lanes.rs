@@ -73,9 +73,24 @@ impl LaneletMap {
         &self.centers[index]
     }
 
+    /// The lanelets that this one leads into.
+    pub fn successors(&self, index: usize) -> &[usize] {
+        &self.successors[index]
+    }
+
     /// Whether a point lies on a lanelet.
     pub fn contains(&self, index: usize, point: [f64; 2]) -> bool {
         inside(&self.outlines[index], point)
+    }
+
+    /// Whether a point lies on a lanelet or within `within_m` of its outline.
+    pub fn near(&self, index: usize, point: [f64; 2], within_m: f64) -> bool {
+        let outline = &self.outlines[index];
+        let sides = outline.iter().zip(outline.iter().cycle().skip(1));
+        self.contains(index, point)
+            || sides
+                .into_iter()
+                .any(|(a, b)| distance_to(point, *a, *b) <= within_m)
     }
 
     /// Distance of a point from a lanelet's centre line, left positive, and the line's direction there, in m and rad.
@@ -332,6 +347,20 @@ fn center_line(lanelet: &Lanelet) -> Vec<[f64; 2]> {
         return left.clone();
     }
     line
+}
+
+/// Distance of a point from the line between two others.
+fn distance_to(point: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (along, from) = (
+        [b[0] - a[0], b[1] - a[1]],
+        [point[0] - a[0], point[1] - a[1]],
+    );
+    let square = along[0] * along[0] + along[1] * along[1];
+    let t = match square > 0.0 {
+        true => ((from[0] * along[0] + from[1] * along[1]) / square).clamp(0.0, 1.0),
+        false => 0.0,
+    };
+    (from[0] - t * along[0]).hypot(from[1] - t * along[1])
 }
 
 /// The point at a fraction of a polyline's length.

@@ -7,17 +7,19 @@
 mod course;
 mod error;
 mod lanes;
+mod left_out;
 mod read;
 mod read_traffic;
 mod scenario;
 mod seat;
+mod start;
 mod xml;
 
 pub use course::{GoalRegion, between, box_pose};
 pub use error::{CommonRoadError, READ_VERSIONS};
 pub use lanes::LaneletMap;
 pub use scenario::{
-    Adjacent, Goal, Lanelet, LocalBox, Obstacle, Place, PlanningProblem, Scenario, Shape, State,
-    wrap,
+    Adjacent, BadLanelet, Goal, Lanelet, LocalBox, Mark, Obstacle, Place, PlanningProblem,
+    Scenario, Shape, State, wrap,
 };
 pub use seat::{RecordedActions, RecordedSeat};

@@ -2,12 +2,15 @@
 //!
 //! What is read: lanelets with their links; static and dynamic obstacles with rectangles, circles, polygons and groups
 //! of them; trajectories; planning problems. What is left out and named in [`Scenario::left_out`]: traffic signs and
-//! lights, intersections (their lanelets are read), buildings, phantom obstacles, links to lanelets that the file does
-//! not contain. What is refused, with the element's name and line: everything that would have to be guessed, such as
-//! occupancy sets instead of trajectories, truck shapes, and elements that the format does not know at the top level.
+//! lights, stop lines, intersections (their lanelets are read), buildings, phantom obstacles, cars' light signals; links
+//! to lanelets that the file does not contain, and of a lanelet to itself; lanelets with a bound of no length; a state
+//! that stands a second time. What is refused, with the element's name and line: everything that would have to be
+//! guessed, such as occupancy sets instead of trajectories, truck shapes, states that contradict each other, and elements
+//! that the format does not know at the top level.
 
 use super::error::{CommonRoadError, READ_VERSIONS, name_of};
-use super::scenario::{Adjacent, Lanelet, Place, Scenario};
+use super::left_out::LeftOut;
+use super::scenario::{Adjacent, BadLanelet, Lanelet, Mark, Place, Scenario};
 use super::xml::{Element, Source, children, shown};
 use roxmltree::{Document, ParsingOptions};
 use std::collections::BTreeMap;
@@ -17,6 +20,10 @@ use std::path::Path;
 const LARGEST_FILE: u64 = 256 << 20;
 /// A bound shorter than this, in m, is no bound.
 const SHORTEST_BOUND_M: f64 = 1e-3;
+
+/// A bound's points, or where it has no length: why.
+type Bound = Result<Vec<[f64; 2]>, (Mark, String)>;
+
 impl Scenario {
     /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, CommonRoadError> {
@@ -95,16 +102,21 @@ impl<'a> Source<'a> {
             lanelets: Vec::new(),
             obstacles: Vec::new(),
             problems: Vec::new(),
+            bad_lanelets: Vec::new(),
             left_out: Vec::new(),
         };
-        let mut left_out: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut left_out = LeftOut::default();
         let mut seen: BTreeMap<i64, Element> = BTreeMap::new();
         let mut problems: BTreeMap<i64, Element> = BTreeMap::new();
         for element in root.children().filter(|node| node.is_element()) {
             match element.tag_name().name() {
                 "lanelet" => {
                     self.claim(&mut seen, element)?;
-                    read.lanelets.push(self.lanelet(element)?);
+                    left_out.count_in(element, &["stopLine"]);
+                    match self.lanelet(element, &mut left_out)? {
+                        Ok(lanelet) => read.lanelets.push(lanelet),
+                        Err(bad) => read.bad_lanelets.push(bad),
+                    }
                 }
                 "obstacle" if version != "2020a" => {
                     self.claim(&mut seen, element)?;
@@ -117,23 +129,25 @@ impl<'a> Source<'a> {
                             return Err(self.error(role, problem));
                         }
                     };
-                    read.obstacles.push(self.obstacle(element, moving, step)?);
+                    left_out.count_in(element, &["signalSeries"]);
+                    let repeated = &mut left_out.repeated_states;
+                    read.obstacles
+                        .push(self.obstacle(element, moving, step, repeated)?);
                 }
                 name @ ("staticObstacle" | "dynamicObstacle") if version == "2020a" => {
                     self.claim(&mut seen, element)?;
                     let moving = name == "dynamicObstacle";
-                    read.obstacles.push(self.obstacle(element, moving, step)?);
+                    left_out.count_in(element, &["signalSeries"]);
+                    let repeated = &mut left_out.repeated_states;
+                    read.obstacles
+                        .push(self.obstacle(element, moving, step, repeated)?);
                 }
                 "planningProblem" => {
                     self.claim(&mut problems, element)?;
                     read.problems.push(self.planning_problem(element)?);
                 }
                 "location" | "scenarioTags" => {}
-                name @ ("trafficSign"
-                | "trafficLight"
-                | "intersection"
-                | "environmentObstacle"
-                | "phantomObstacle") => *left_out.entry(name).or_default() += 1,
+                name if left_out.count(name) => {}
                 _ => {
                     let problem = format!("is not an element that format {version} has here");
                     return Err(self.error(element, problem));
@@ -141,15 +155,16 @@ impl<'a> Source<'a> {
             }
         }
         if read.lanelets.is_empty() {
-            return Err(self.error(root, "<lanelet> is missing"));
+            return Err(match read.bad_lanelets.first() {
+                Some(bad) => read.refuses(&bad.mark, &*bad.problem),
+                None => self.error(root, "<lanelet> is missing"),
+            });
         }
+        read.bad_lanelets.sort_by_key(|lanelet| lanelet.id);
         read.lanelets.sort_by_key(|lanelet| lanelet.id);
         read.obstacles.sort_by_key(|obstacle| obstacle.id);
-        read.left_out = left_out
-            .iter()
-            .map(|(name, count)| format!("{count} <{name}>"))
-            .collect();
-        self.check_links(&mut read, &seen)?;
+        self.check_links(&mut read, &seen, &mut left_out);
+        read.left_out = left_out.words(&read);
         self.check_goals(&read, &problems)?;
         Ok(read)
     }
@@ -176,45 +191,64 @@ impl<'a> Source<'a> {
         }
     }
 
-    fn lanelet(&self, element: Element<'a>) -> Result<Lanelet, CommonRoadError> {
-        let links = |name| {
-            children(element, name)
-                .map(|link| self.identity(link, "ref"))
-                .collect::<Result<Vec<_>, _>>()
-        };
+    /// A lanelet; or, where one of its bounds has no length, what is known of it.
+    fn lanelet(
+        &self,
+        element: Element<'a>,
+        left_out: &mut LeftOut,
+    ) -> Result<Result<Lanelet, BadLanelet>, CommonRoadError> {
         let id = self.identity(element, "id")?;
-        for name in ["successor", "predecessor"] {
+        let mut links = |name: &str| -> Result<Vec<i64>, CommonRoadError> {
+            let mut links = Vec::new();
             for link in children(element, name) {
-                if self.identity(link, "ref")? == id {
-                    return Err(self.error(link, format!("lanelet {id} is its own {name}")));
+                match self.identity(link, "ref")? {
+                    own if own == id => left_out.own_link(id, name, self.line(link)),
+                    other => links.push(other),
                 }
             }
-        }
-        Ok(Lanelet {
-            id,
-            left: self.bound(self.child(element, "leftBound")?)?,
-            right: self.bound(self.child(element, "rightBound")?)?,
-            predecessors: links("predecessor")?,
-            successors: links("successor")?,
-            left_neighbour: self.adjacent(element, "adjacentLeft")?,
-            right_neighbour: self.adjacent(element, "adjacentRight")?,
-            kinds: children(element, "laneletType")
-                .map(|kind| self.text(kind).map(str::to_owned))
-                .collect::<Result<_, _>>()?,
-            speed_limit_mps: match self.optional_child(element, "speedLimit")? {
-                Some(limit) => {
-                    let value = self.number(limit)?;
-                    if value <= 0.0 {
-                        return Err(self.error(limit, format!("{value} m/s is no speed limit")));
-                    }
-                    Some(value)
+            Ok(links)
+        };
+        let (predecessors, successors) = (links("predecessor")?, links("successor")?);
+        let left = self.bound(self.child(element, "leftBound")?)?;
+        let right = self.bound(self.child(element, "rightBound")?)?;
+        let left_neighbour = self.adjacent(element, "adjacentLeft")?;
+        let right_neighbour = self.adjacent(element, "adjacentRight")?;
+        let kinds = children(element, "laneletType")
+            .map(|kind| self.text(kind).map(str::to_owned))
+            .collect::<Result<_, _>>()?;
+        let speed_limit_mps = match self.optional_child(element, "speedLimit")? {
+            Some(limit) => {
+                let value = self.number(limit)?;
+                if value <= 0.0 {
+                    return Err(self.error(limit, format!("{value} m/s is no speed limit")));
                 }
-                None => None,
-            },
+                Some(value)
+            }
+            None => None,
+        };
+        Ok(match (left, right) {
+            (Ok(left), Ok(right)) => Ok(Lanelet {
+                id,
+                left,
+                right,
+                predecessors,
+                successors,
+                left_neighbour,
+                right_neighbour,
+                kinds,
+                speed_limit_mps,
+            }),
+            (Err((mark, problem)), _) | (_, Err((mark, problem))) => Err(BadLanelet {
+                id,
+                mark,
+                problem,
+                predecessors,
+                successors,
+            }),
         })
     }
 
-    fn bound(&self, element: Element<'a>) -> Result<Vec<[f64; 2]>, CommonRoadError> {
+    fn bound(&self, element: Element<'a>) -> Result<Bound, CommonRoadError> {
         let mut points: Vec<[f64; 2]> = Vec::new();
         for point in children(element, "point") {
             let point = self.point(point)?;
@@ -223,10 +257,10 @@ impl<'a> Source<'a> {
             }
         }
         let length: f64 = points.windows(2).map(|w| distance(w[0], w[1])).sum();
-        if length < SHORTEST_BOUND_M {
-            return Err(self.error(element, format!("the bound is {length} m long")));
-        }
-        Ok(points)
+        Ok(match length < SHORTEST_BOUND_M {
+            true => Err((self.mark(element), format!("the bound is {length} m long"))),
+            false => Ok(points),
+        })
     }
 
     fn adjacent(
@@ -251,39 +285,49 @@ impl<'a> Source<'a> {
         }))
     }
 
-    /// Drops links to lanelets that the file lacks (maps are cut out of larger ones), and says so.
+    /// Drops links to lanelets that the file lacks (maps are cut out of larger ones), that make no lane, or from a lanelet
+    /// to itself, and counts or names them.
     fn check_links(
         &self,
         read: &mut Scenario,
         seen: &BTreeMap<i64, Element<'a>>,
-    ) -> Result<(), CommonRoadError> {
+        left_out: &mut LeftOut,
+    ) {
         let ids: Vec<i64> = read.lanelets.iter().map(|lanelet| lanelet.id).collect();
         let known = |id: i64| ids.binary_search(&id).is_ok();
-        let mut dropped = 0;
+        let bad = &mut read.bad_lanelets;
         for lanelet in &mut read.lanelets {
-            let links = lanelet.predecessors.len() + lanelet.successors.len();
-            lanelet.predecessors.retain(|id| known(*id));
-            lanelet.successors.retain(|id| known(*id));
-            dropped += links - lanelet.predecessors.len() - lanelet.successors.len();
+            let own = lanelet.id;
+            // A link counts whichever of its two ends states it: bad lanelets hear of both.
+            let mut keep = |id: i64, of: fn(&mut BadLanelet) -> &mut Vec<i64>| {
+                let at = bad.binary_search_by_key(&id, |bad| bad.id);
+                match at {
+                    Ok(at) => of(&mut bad[at]).push(own),
+                    Err(_) => left_out.loose_links += usize::from(!known(id)),
+                }
+                known(id)
+            };
+            lanelet
+                .predecessors
+                .retain(|id| keep(*id, |bad| &mut bad.successors));
+            lanelet
+                .successors
+                .retain(|id| keep(*id, |bad| &mut bad.predecessors));
             for neighbour in [&mut lanelet.left_neighbour, &mut lanelet.right_neighbour] {
                 match neighbour {
-                    Some(adjacent) if adjacent.id == lanelet.id => {
-                        let problem = format!("lanelet {} is its own neighbour", lanelet.id);
-                        return Err(self.error(seen[&lanelet.id], problem));
+                    Some(adjacent) if adjacent.id == own => {
+                        left_out.own_link(own, "neighbour", self.line(seen[&own]));
+                        *neighbour = None;
                     }
                     Some(adjacent) if !known(adjacent.id) => {
+                        let is_bad = bad.iter().any(|bad| bad.id == adjacent.id);
+                        left_out.loose_links += usize::from(!is_bad);
                         *neighbour = None;
-                        dropped += 1;
                     }
                     _ => {}
                 }
             }
         }
-        if dropped > 0 {
-            read.left_out
-                .push(format!("{dropped} links to lanelets that the file lacks"));
-        }
-        Ok(())
     }
 
     fn check_goals(
@@ -299,6 +343,7 @@ impl<'a> Source<'a> {
             for place in places {
                 if let Place::Lanelet(id) = place
                     && read.lanelet(*id).is_none()
+                    && read.bad_lanelet(*id).is_none()
                 {
                     let said = format!("the goal is lanelet {id}, which the file lacks");
                     return Err(self.error(problems[&problem.id], said));

@@ -14,12 +14,13 @@ const LONGEST_GAP_STEPS: u32 = 1000;
 const DEEPEST_GROUP: usize = 8;
 
 impl<'a> Source<'a> {
-    /// `obstacle`, `staticObstacle` or `dynamicObstacle`.
+    /// `obstacle`, `staticObstacle` or `dynamicObstacle`. Adds the states that stand there twice to `repeated`.
     pub fn obstacle(
         &self,
         element: Element<'a>,
         moving: bool,
         step_s: f64,
+        repeated: &mut usize,
     ) -> Result<Obstacle, CommonRoadError> {
         for name in ["occupancySet", "probabilityDistribution", "movementHistory"] {
             if let Some(prediction) = children(element, name).next() {
@@ -32,16 +33,28 @@ impl<'a> Source<'a> {
             return Err(self.error(trajectory, "belongs to a static obstacle"));
         }
         let mut states: Vec<State> = Vec::new();
-        let mut speeds = Vec::new();
+        let mut speeds: Vec<Option<f64>> = Vec::new();
         let recorded = trajectory.into_iter().flat_map(|t| children(t, "state"));
         for state in std::iter::once(self.child(element, "initialState")?).chain(recorded) {
             let (state_read, speed) = self.state(state)?;
+            let step = state_read.step;
+            if let Ok(index) = states.binary_search_by_key(&step, |known| known.step) {
+                // Editors and simulators repeat the initial state as the trajectory's first.
+                if !is_repetition((&states[index], speeds[index]), (&state_read, speed)) {
+                    let problem = format!("contradicts an earlier state at time step {step}");
+                    return Err(self.error(state, problem));
+                }
+                states[index].speed_mps = speeds[index].or(speed).unwrap_or(0.0);
+                speeds[index] = speeds[index].or(speed);
+                *repeated += 1;
+                continue;
+            }
             if let Some(last) = states.last()
-                && !(1..=LONGEST_GAP_STEPS).contains(&state_read.step.saturating_sub(last.step))
+                && !(1..=LONGEST_GAP_STEPS).contains(&step.saturating_sub(last.step))
             {
-                let [before, now] = [last.step, state_read.step];
+                let before = last.step;
                 let problem = format!(
-                    "time step {now} does not follow {before} within {LONGEST_GAP_STEPS} steps"
+                    "time step {step} does not follow {before} within {LONGEST_GAP_STEPS} steps"
                 );
                 return Err(self.error(state, problem));
             }
@@ -56,6 +69,7 @@ impl<'a> Source<'a> {
             moving,
             shape: self.shape(self.child(element, "shape")?, 0)?,
             states,
+            mark: self.mark(element),
         })
     }
 
@@ -184,6 +198,7 @@ impl<'a> Source<'a> {
             id: self.identity(element, "id")?,
             start: state,
             goals,
+            mark: self.mark(start),
         })
     }
 
@@ -215,6 +230,19 @@ impl<'a> Source<'a> {
             heading_rad: interval("orientation")?,
         })
     }
+}
+
+/// Whether a state says nothing that another of the same time step contradicts: equal but for the digits that programs write
+/// (1 mm, 1 mrad, 1 mm/s). A speed that one of them does not state contradicts none.
+fn is_repetition(known: (&State, Option<f64>), new: (&State, Option<f64>)) -> bool {
+    const SAME: f64 = 1e-3;
+    let ((known, known_speed), (new, new_speed)) = (known, new);
+    (known.x_m - new.x_m).abs() <= SAME
+        && (known.y_m - new.y_m).abs() <= SAME
+        && wrap(known.heading_rad - new.heading_rad).abs() <= SAME
+        && known_speed
+            .zip(new_speed)
+            .is_none_or(|(known, new)| (known - new).abs() <= SAME)
 }
 
 /// Speeds that the file does not state, from the way to the next state (for the last: from the one before).

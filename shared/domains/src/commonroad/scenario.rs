@@ -20,8 +20,20 @@ pub struct Scenario {
     pub obstacles: Vec<Obstacle>,
     /// In the file's order.
     pub problems: Vec<PlanningProblem>,
-    /// What was left out, in words: traffic signs and lights, buildings, links to lanelets that the file lacks.
+    /// Lanelets that make no lane, by ascending identity; a route that needs one is refused.
+    pub bad_lanelets: Vec<BadLanelet>,
+    /// What was left out, in words: traffic lights and signs, buildings, links to lanelets that the file lacks, lanelets
+    /// that make no lane, states that stand twice.
     pub left_out: Vec<String>,
+}
+
+/// Where something stands in the file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Mark {
+    /// Line, from 1.
+    pub line: usize,
+    /// The element's name.
+    pub element: String,
 }
 
 impl Scenario {
@@ -59,6 +71,22 @@ impl Scenario {
             .unwrap_or(0)
     }
 
+    /// The lanelet with this identity among those that make no lane.
+    pub fn bad_lanelet(&self, id: i64) -> Option<&BadLanelet> {
+        let index = self.bad_lanelets.binary_search_by_key(&id, |l| l.id).ok()?;
+        Some(&self.bad_lanelets[index])
+    }
+
+    /// An error at an element.
+    pub(crate) fn refuses(&self, mark: &Mark, problem: impl Into<String>) -> CommonRoadError {
+        CommonRoadError::Element {
+            file: self.file.clone(),
+            line: mark.line,
+            element: mark.element.clone(),
+            problem: problem.into(),
+        }
+    }
+
     pub(crate) fn lacks(&self, problem: impl Into<String>) -> CommonRoadError {
         CommonRoadError::Scenario {
             file: self.file.clone(),
@@ -90,6 +118,32 @@ pub struct Lanelet {
     pub speed_limit_mps: Option<f64>,
 }
 
+/// A lanelet that makes no lane: one of its bounds has no length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BadLanelet {
+    /// Identity.
+    pub id: i64,
+    /// The element that is to blame.
+    pub mark: Mark,
+    /// What is wrong with it.
+    pub problem: String,
+    /// Lanelets that lead into it.
+    pub predecessors: Vec<i64>,
+    /// Lanelets that it leads into.
+    pub successors: Vec<i64>,
+}
+
+impl BadLanelet {
+    /// Which lanelet, and what is wrong with it.
+    pub fn words(&self) -> String {
+        let Mark { line, element } = &self.mark;
+        format!(
+            "lanelet {} (line {line}: <{element}>: {})",
+            self.id, self.problem
+        )
+    }
+}
+
 /// A lanelet beside another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Adjacent {
@@ -112,6 +166,8 @@ pub struct Obstacle {
     pub shape: Shape,
     /// At least one; times rise strictly.
     pub states: Vec<State>,
+    /// Its element.
+    pub mark: Mark,
 }
 
 /// An outline in the frame of what it belongs to: x along the heading, y to the left.
@@ -298,6 +354,8 @@ pub struct PlanningProblem {
     pub start: State,
     /// Any of these is the goal.
     pub goals: Vec<Goal>,
+    /// The element of its start.
+    pub mark: Mark,
 }
 
 /// A set of states that count as arriving.

@@ -1,6 +1,7 @@
 //! Walking the XML tree with errors that name the file, the line and the element.
 
 use super::error::CommonRoadError;
+use super::scenario::Mark;
 use roxmltree::{Document, Node};
 
 /// No coordinate on Earth is farther from any projection's origin than this, in m.
@@ -22,6 +23,14 @@ impl<'a> Source<'a> {
             line: self.line(element),
             element: element.tag_name().name().to_owned(),
             problem: problem.into(),
+        }
+    }
+
+    /// Where an element stands.
+    pub fn mark(&self, element: Element) -> Mark {
+        Mark {
+            line: self.line(element),
+            element: element.tag_name().name().to_owned(),
         }
     }
 

@@ -242,8 +242,10 @@ pub struct Course {
     pub goal_s_m: f64,
     /// Places, times and speeds that count as arriving besides.
     pub goal: GoalRegion,
-    /// Seconds after which the recording ends.
+    /// Seconds after which the round ends: as long as cars were recorded, or where none moves, until the goal's last instant.
     pub duration_s: f64,
+    /// What the recording's reader passed over, in words: for the run's output and its summary.
+    pub notes: Vec<String>,
 }
 
 impl Course {

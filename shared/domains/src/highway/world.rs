@@ -80,6 +80,7 @@ impl World {
             goal_s_m: scene.episode.goal_s_m,
             goal: GoalRegion::default(),
             duration_s: f64::INFINITY,
+            notes: Vec::new(),
         };
         Ok(Self::build(scene, Arc::new(course), false, None))
     }

@@ -31,3 +31,21 @@ pub fn real_files() -> Vec<PathBuf> {
     }
     files
 }
+
+/// Fifteen recordings of three roads beside the project; says so where they are not.
+pub fn ngsim_files() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/ngsim");
+    let mut files: Vec<PathBuf> = std::fs::read_dir(&folder)
+        .map(|entries| {
+            entries
+                .filter_map(|entry| Some(entry.ok()?.path()))
+                .collect()
+        })
+        .unwrap_or_default();
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "xml"));
+    files.sort();
+    if files.is_empty() {
+        eprintln!("skipped: there is no recording in {}", folder.display());
+    }
+    files
+}
