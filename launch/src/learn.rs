@@ -107,12 +107,36 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
     )
     .with_context(|| arguments.demos.display().to_string())
     .map_err(Failure::refused)?;
-    println!(
-        "{}: learned from {} rounds, {said}",
-        out.display(),
-        demonstrations.rounds.len()
-    );
+    let lengths = demonstrations.rounds.iter().map(|round| round.steps.len());
+    let least = match kind {
+        Kind::Bc => 1,
+        Kind::Sqil => training::sqil::Settings::default().window,
+        _ => Settings::default().least_steps(&demonstrations),
+    };
+    let rounds = rounds_in_words(lengths, least);
+    println!("{}: learned from {rounds}; {said}", out.display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// How many rounds of these lengths were learned from, and how many were not because they are empty or hold fewer than `least`
+/// steps: `6 rounds`, or `1 round, 3 empty`.
+pub fn rounds_in_words(lengths: impl Iterator<Item = usize>, least: usize) -> String {
+    let (mut used, mut empty, mut short) = (0_usize, 0_usize, 0_usize);
+    for length in lengths {
+        match length {
+            0 => empty += 1,
+            _ if length < least => short += 1,
+            _ => used += 1,
+        }
+    }
+    let mut words = format!("{used} {}", if used == 1 { "round" } else { "rounds" });
+    if empty > 0 {
+        words += &format!(", {empty} empty");
+    }
+    if short > 0 {
+        words += &format!(", {short} of fewer than {least} steps");
+    }
+    words
 }
 
 /// Learns what a simulated person sees and does from rounds on the highway in this scene's fog, without communication, and
@@ -213,4 +237,21 @@ fn policy_to(
     let notes = [("mirror.learning", about.clone())];
     save_policy(path, kind, &policy, &visible_m, &command_line(), &notes)?;
     Ok(about)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounds_in_words;
+
+    #[test]
+    fn what_was_not_learned_from_is_said() {
+        let said = |lengths: &[usize], least| rounds_in_words(lengths.iter().copied(), least);
+        assert_eq!(said(&[3, 7], 1), "2 rounds");
+        assert_eq!(said(&[0, 7, 0, 0], 1), "1 round, 3 empty");
+        assert_eq!(
+            said(&[0, 7, 70], 20),
+            "1 round, 1 empty, 1 of fewer than 20 steps"
+        );
+        assert_eq!(said(&[], 1), "0 rounds");
+    }
 }

@@ -5,7 +5,7 @@ use super::inputs;
 use crate::cli::{DemosArguments, Setting as Asked, TrainHumanArguments};
 use crate::failure::Failure;
 use crate::inputs::{human, writable};
-use crate::learn::{DEMONSTRATION_SEED, command_line};
+use crate::learn::{DEMONSTRATION_SEED, command_line, rounds_in_words};
 use crate::screen::Progress;
 use anyhow::{Context, Result, ensure};
 use domains::discrete::{Discrete, Domain, Scene, Setting};
@@ -14,8 +14,8 @@ use models::discrete::DiscreteModel;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
-use training::discrete::Rounds;
 use training::discrete::people::{Lessons, learn, wants_original};
+use training::discrete::{Round, Rounds};
 
 /// Rounds that `mirror up` learns from, at least.
 const LEAST_ROUNDS: u32 = 8;
@@ -107,9 +107,10 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
     )
     .with_context(|| arguments.demos.display().to_string())
     .map_err(Failure::refused)?;
-    let others = original.as_ref().map_or(0, |rounds| rounds.rounds.len());
-    let count = rounds.rounds.len() + others;
-    println!("{}: learned from {count} rounds, {said}", out.display());
+    let all = std::iter::once(&rounds).chain(&original);
+    let lengths = all.flat_map(|rounds| rounds.rounds.iter().map(Round::len));
+    let rounds = rounds_in_words(lengths, 1);
+    println!("{}: learned from {rounds}; {said}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 

@@ -64,6 +64,20 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// Steps that a round of these needs to be learned from: what is left out at its start, and a window, which is as long as
+    /// the longest round allows.
+    pub fn least_steps(&self, demonstrations: &Demonstrations) -> usize {
+        self.skip + self.window_of(demonstrations)
+    }
+
+    fn window_of(&self, demonstrations: &Demonstrations) -> usize {
+        let rounds = demonstrations.rounds.iter();
+        let longest = rounds.map(|r| r.steps.len()).max().unwrap_or(0);
+        self.window.min(longest.saturating_sub(self.skip))
+    }
+}
+
 /// Learning is impossible.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ImplantError {
@@ -126,8 +140,7 @@ pub fn windows(
 ) -> Result<Vec<Windows>, ImplantError> {
     let longest = demonstrations.rounds.iter().map(|r| r.steps.len()).max();
     let longest = longest.unwrap_or(0);
-    let available = longest.saturating_sub(settings.skip);
-    let length = settings.window.min(available);
+    let length = settings.window_of(demonstrations);
     let needed = settings.warm_up + 2;
     if length < needed {
         return Err(ImplantError::TooShort {

@@ -3,7 +3,7 @@
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, World};
 use std::fmt::Write as _;
 use std::process::Command;
-use training::discrete::Rounds;
+use training::discrete::{Round, Rounds};
 
 /// Rounds of a domain, written as a table, turned into a file by Python, and read again.
 #[test]
@@ -62,6 +62,198 @@ fn a_table_of_rounds_becomes_demonstrations() {
             assert!(!output.status.success() && said.contains(word), "{said}");
             assert!(!said.contains("Traceback"), "{said}");
         }
+    }
+}
+
+/// A table of two rounds of three steps, as a text whose lines tests change.
+const TABLE: &str = "round,action,reward,perceived,v0,v1,v2,v3,v4,w0,w1,w2,w3,w4,w5,w6,w7
+a,0,0.5,0,1,1,1,1,1,0,0,0,0,0,0,0,0
+a,1,-1e-3,3,1,1,1,1,1,0,0,0,0,0,0,0,0
+a,1,+.5,8589934592,1,1,1,1,1,0,0,0,0,0,0,0,0
+b,1,0.,0,1,1,1,1,1,0,0,0,0,0,0,0,0
+b,0,2,,1,1,1,1,1,0,0,0,0,0,0,0,0
+b,1.0,0,0,1,1,1,1,1,0,0,0,0,0,0,0,0
+";
+
+/// Tables as spreadsheet programs and editors write them: what is unambiguous is read, the rest refused with file and line.
+#[test]
+fn tables_are_read_where_they_are_unambiguous() {
+    let python = std::env::var("MIRROR_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    if Command::new(&python).arg("--version").output().is_err() {
+        eprintln!("skipped: there is no {python}");
+        return;
+    }
+    let script = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/python/rounds.py"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let (table, file) = (
+        folder.path().join("rounds.csv"),
+        folder.path().join("rounds.safetensors"),
+    );
+    let run = |bytes: &[u8]| {
+        std::fs::write(&table, bytes).unwrap();
+        let mut command = Command::new(&python);
+        command
+            .arg(script)
+            .args(["driving", "transfer"])
+            .arg(&table)
+            .arg(&file);
+        command.output().unwrap()
+    };
+    let scene = Scene::of(Domain::Driving, Setting::Transfer);
+    let words = models::words::shipped(Domain::Driving).unwrap();
+    let layout = World::new(&scene, &words).unwrap().layout().clone();
+    let mut plain = None;
+    let utf16 =
+        |bytes: fn(u16) -> [u8; 2]| -> Vec<u8> { TABLE.encode_utf16().flat_map(bytes).collect() };
+    let quoted: Vec<String> = TABLE
+        .lines()
+        .map(|line| {
+            line.split(',')
+                .map(|cell| format!("\"{cell}\""))
+                .collect::<Vec<_>>()
+                .join(",")
+        })
+        .collect();
+    for (what, bytes) in [
+        ("plain", TABLE.as_bytes().to_vec()),
+        (
+            "byte-order mark",
+            [&b"\xef\xbb\xbf"[..], TABLE.as_bytes()].concat(),
+        ),
+        (
+            "UTF-16",
+            [vec![0xff, 0xfe], utf16(u16::to_le_bytes)].concat(),
+        ),
+        (
+            "UTF-16, big end first",
+            [vec![0xfe, 0xff], utf16(u16::to_be_bytes)].concat(),
+        ),
+        ("UTF-16 without a mark", utf16(u16::to_le_bytes)),
+        (
+            "UTF-16 without a mark, big end first",
+            utf16(u16::to_be_bytes),
+        ),
+        ("spaces", TABLE.replace(',', " ,  ").into_bytes()),
+        ("line ends", TABLE.replace('\n', "\r\n").into_bytes()),
+        ("old line ends", TABLE.replace('\n', "\r").into_bytes()),
+        (
+            "empty lines",
+            format!("\n{}\n\n  \n,,,\n", TABLE.replace("\nb,1,", "\n\nb,1,")).into_bytes(),
+        ),
+        ("empty cells", TABLE.replace('\n', ",,\n").into_bytes()),
+        ("quotation marks", quoted.join("\n").into_bytes()),
+        ("no last line end", TABLE.trim_end().as_bytes().to_vec()),
+        ("another column", TABLE.replace("\n", ",x\n").into_bytes()),
+    ] {
+        let output = run(&bytes);
+        assert!(output.status.success(), "{what}: {output:?}");
+        let read = Rounds::load(&file, &layout).unwrap().rounds;
+        assert_eq!(
+            read.iter().map(Round::len).collect::<Vec<_>>(),
+            [3, 3],
+            "{what}"
+        );
+        assert_eq!(read, *plain.get_or_insert(read.clone()), "{what}");
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(said.contains("2 rounds, 6 steps"), "{what}: {said}");
+    }
+    let steps = |numbers: [u32; 6]| {
+        let mut lines = TABLE.lines();
+        let mut text = format!("{},step\n", lines.next().unwrap());
+        lines
+            .zip(numbers)
+            .for_each(|(line, step)| writeln!(text, "{line},{step}").unwrap());
+        text
+    };
+    assert!(run(steps([4, 5, 6, 0, 1, 2]).as_bytes()).status.success());
+    std::fs::remove_file(&file).unwrap();
+    let swap = |from: &str, to: &str| {
+        assert!(TABLE.contains(from), "{from}");
+        TABLE.replacen(from, to, 1)
+    };
+    for (text, line, words) in [
+        (
+            TABLE.replace(',', ";"),
+            1,
+            &[
+                "columns found: 'round;action",
+                "missing: round, action, reward, v0, w0",
+                "comma",
+            ][..],
+        ),
+        (
+            TABLE.replace(',', "\t"),
+            1,
+            &["missing: round, action, reward, v0, w0", "comma"],
+        ),
+        (swap("reward", "prize"), 1, &["'prize'", "missing: reward"]),
+        (swap(",v1,", ",x1,"), 1, &["'x1'", "missing: v1"]),
+        (swap(",v1,", ",v0,"), 1, &["column 'v0' stands twice"]),
+        (
+            swap("perceived", "reward"),
+            1,
+            &["column 'reward' stands twice"],
+        ),
+        (swap("-1e-3", "1e39"), 3, &["reward is '1e39'", "32-bit"]),
+        (swap("-1e-3", "nan"), 3, &["reward is 'nan'"]),
+        (swap("-1e-3", "inf"), 3, &["reward is 'inf'"]),
+        (swap("-1e-3", "1_0"), 3, &["reward is '1_0'"]),
+        (swap("-1e-3", "\"0,5\""), 3, &["reward is '0,5'", "a point"]),
+        (
+            swap("-1e-3", "0,5"),
+            3,
+            &["18 cells", "17 columns", "comma within a number"],
+        ),
+        (swap("-1e-3", ""), 3, &["reward is ''"]),
+        (swap("8589934592,1", "0,1e39"), 4, &["v0 is '1e39'"]),
+        (
+            swap("8589934592", "18446744073709551616"),
+            4,
+            &["perceived is '18446744073709551616'"],
+        ),
+        (swap("8589934592", "-1"), 4, &["perceived is '-1'"]),
+        (swap("b,1,", "b,256,"), 5, &["action is '256'"]),
+        (swap("b,1,", "b,left,"), 5, &["action is 'left'"]),
+        (swap("b,1,", "b,1.5,"), 5, &["action is '1.5'"]),
+        (swap("b,1,", ",1,"), 5, &["round is empty"]),
+        (swap("b,1,0.,0,1,1", "b,1"), 5, &["13 cells", "17 columns"]),
+        (swap("b,1,", "\"b,1,"), 7, &["unexpected end of data"]),
+        (
+            swap("\nb,1.0", "\na,1.0"),
+            7,
+            &["round 'a' began at line 2", "one after the other"],
+        ),
+        (steps([0, 1, 2, 0, 2, 3]), 6, &["step 2 follows step 0"]),
+        (steps([0, 0, 1, 0, 1, 2]), 3, &["step 0 follows step 0"]),
+        (swap("a,0", "\u{e9}\u{0}a,x"), 2, &["action is 'x'"]),
+    ] {
+        let output = run(text.as_bytes());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{text}: {said}");
+        assert!(
+            said.contains(&format!("rounds.csv: line {line}: ")),
+            "line {line}: {said}"
+        );
+        assert!(
+            words.iter().all(|word| said.contains(word)),
+            "{words:?}: {said}"
+        );
+        assert!(!said.contains("Traceback") && !file.exists(), "{said}");
+    }
+    for (bytes, words) in [
+        (&b"round,action\n\xff\n"[..], "line 2: byte 13 is not UTF-8"),
+        (&b"\xff\xfer"[..], "line 1: byte 2 is not UTF-16"),
+        (&b""[..], "no step"),
+        (&TABLE.as_bytes()[..TABLE.find('\n').unwrap()], "no step"),
+    ] {
+        let said = String::from_utf8_lossy(&run(bytes).stderr).into_owned();
+        assert!(
+            said.contains("rounds.csv: ") && said.contains(words) && !said.contains("Traceback"),
+            "{said}"
+        );
     }
 }
 

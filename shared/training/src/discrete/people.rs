@@ -74,7 +74,7 @@ pub enum LearnError {
     )]
     Unseen(Kind),
     /// Fewer rounds than learning and validation take.
-    #[error("{found} rounds: human model `{}` needs five, of which one says when to stop", .kind.name())]
+    #[error("{found} rounds with a step in them: human model `{}` needs five, of which one says when to stop", .kind.name())]
     TooFew {
         /// Rounds.
         found: usize,
@@ -161,8 +161,8 @@ fn policy(
     }
     let none = Rounds::new(layout, rounds.setting, rounds.heard);
     let validation = lessons.validation.unwrap_or(&none);
-    if validation.steps() == 0 && all.rounds.len() < 5 {
-        let found = all.rounds.len();
+    let found = all.rounds.iter().filter(|round| !round.is_empty()).count();
+    if validation.steps() == 0 && found < 5 {
         return Err(LearnError::TooFew { found, kind });
     }
     let (policy, about) = if kind == Kind::Bc {
