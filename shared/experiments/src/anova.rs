@@ -6,8 +6,10 @@
 //! F = (SS_conditions / (k − 1)) / (SS_error / ((n − 1)(k − 1)))
 //! ε = (tr S̃)² / ((k − 1) tr S̃²),   S̃ the covariance of the conditions, centred by rows and columns
 //! ```
+//!
+//! Rounding is no effect: differences within [`rounding`] of what was measured count as none.
 
-use crate::statistics::{Interval, over_people};
+use crate::statistics::{Interval, interval, rounding, squared_deviations};
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
@@ -53,7 +55,8 @@ pub enum TestError {
     NoError,
 }
 
-/// Analyses `people[i][j]`, what was measured of person i under condition j.
+/// Analyses `people[i][j]`, what was measured of person i under condition j. Where every residual is within [`rounding`] of
+/// the largest measurement, F would be a quotient of rounding errors or of something by nothing: [`TestError::NoError`].
 ///
 /// # Errors
 /// [`TestError`].
@@ -84,18 +87,18 @@ pub fn repeated_measures(people: &[Vec<f64>]) -> Result<Anova, TestError> {
             .iter()
             .map(|m| (m - grand).powi(2))
             .sum::<f64>();
-    let error: f64 = people
+    let residuals: Vec<f64> = people
         .iter()
         .zip(&of_person)
         .flat_map(|(row, person)| {
             row.iter()
                 .zip(&of_condition)
-                .map(move |(x, condition)| (x - person - condition + grand).powi(2))
+                .map(move |(x, condition)| x - person - condition + grand)
         })
-        .sum();
-    // Rounding must not turn "nobody differs" into an enormous F.
-    let scale: f64 = people.iter().flatten().map(|x| x * x).sum();
-    if error <= 1e-24 * scale.max(f64::MIN_POSITIVE) {
+        .collect();
+    let noise = rounding(people.iter().flatten().copied());
+    let error = squared_deviations(&residuals, 0.0, noise);
+    if error == 0.0 {
         return Err(TestError::NoError);
     }
     let (df_conditions, df_error) = (kf - 1.0, (nf - 1.0) * (kf - 1.0));
@@ -171,6 +174,10 @@ impl PairedT {
 
 /// Compares `first` with `second`, person by person; one of `tests` such comparisons.
 ///
+/// With the noise that [`rounding`] gives for the largest of all measurements: where no difference exceeds it, there is no
+/// difference (mean 0, t = 0, p = 1). Where a difference does, but all are the same within it, t has its mathematical limit:
+/// there is no doubt about the sign (t = ±∞, p = 0).
+///
 /// # Errors
 /// [`TestError`].
 pub fn paired_t(first: &[f64], second: &[f64], tests: usize) -> Result<PairedT, TestError> {
@@ -181,16 +188,19 @@ pub fn paired_t(first: &[f64], second: &[f64], tests: usize) -> Result<PairedT, 
             conditions: 2,
         });
     }
-    let differences: Vec<f64> = first.iter().zip(second).map(|(a, b)| a - b).collect();
+    let mut differences: Vec<f64> = first.iter().zip(second).map(|(a, b)| a - b).collect();
     if let Some(person) = differences.iter().position(|d| !d.is_finite()) {
         return Err(TestError::Missing(person));
     }
     let nf = n as f64;
-    let difference = over_people(&differences);
+    let noise = rounding(first.iter().chain(second).copied());
+    if differences.iter().all(|d| d.abs() <= noise) {
+        differences.fill(0.0);
+    }
+    let difference = interval(&differences, noise);
     let mean = difference.mean;
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (nf - 1.0);
+    let variance = squared_deviations(&differences, mean, noise) / (nf - 1.0);
     let df = nf - 1.0;
-    // Everybody differs by the same: no doubt about the sign of a difference, and none about its absence.
     let (t, p) = if variance == 0.0 {
         match mean {
             0.0 => (0.0, 1.0),

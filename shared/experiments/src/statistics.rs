@@ -1,4 +1,4 @@
-//! Intervals for what the experiments report.
+//! Intervals for what the experiments report, and how much of a difference is rounding.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -13,8 +13,34 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Mean over people with Student's 95 % interval; the interval is the mean itself for fewer than two people.
+/// Units of rounding, ε = 2⁻⁵², by which two numbers may differ that would be equal if computers did not round. A sum of n
+/// numbers is off by at most about n ε times the sum of their magnitudes: 1024 covers a mean over a thousand steps or
+/// rounds, and leaves twelve significant digits, more than anything here is measured to.
+const ROUNDING_UNITS: f64 = 1024.0;
+
+/// The largest difference between numbers of this magnitude that rounding alone explains: 1024 ε max |x|, that is 2.3e−13
+/// of the largest. The magnitude is that of what was measured, not of differences taken from it.
+pub fn rounding(measured: impl IntoIterator<Item = f64>) -> f64 {
+    let largest = measured.into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    ROUNDING_UNITS * f64::EPSILON * largest
+}
+
+/// Sum of the squared deviations from `mean`; 0 where none of them is larger than `noise`.
+pub(crate) fn squared_deviations(values: &[f64], mean: f64, noise: f64) -> f64 {
+    match values.iter().all(|v| (v - mean).abs() <= noise) {
+        true => 0.0,
+        false => values.iter().map(|v| (v - mean) * (v - mean)).sum(),
+    }
+}
+
+/// Mean over people with Student's 95 % interval. The interval is the mean itself for fewer than two people, and where people
+/// differ by no more than [`rounding`].
 pub fn over_people(values: &[f64]) -> Interval {
+    interval(values, rounding(values.iter().copied()))
+}
+
+/// [`over_people`] of values that rounding moved by up to `noise`.
+pub(crate) fn interval(values: &[f64], noise: f64) -> Interval {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n.max(1.0);
     if values.len() < 2 {
@@ -24,7 +50,7 @@ pub fn over_people(values: &[f64]) -> Interval {
             high: mean,
         };
     }
-    let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0);
+    let variance = squared_deviations(values, mean, noise) / (n - 1.0);
     let quantile = StudentsT::new(0.0, 1.0, n - 1.0).map_or(1.96, |t| t.inverse_cdf(0.975));
     let half = quantile * (variance / n).sqrt();
     Interval {
