@@ -15,7 +15,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Opens or begins a table. Rows that were only half written are dropped; `key` columns name a row.
+    /// Opens or begins a table; `key` columns name a row, and numbers follow. Rows that no study writes are dropped, to be done
+    /// again: half ones, and those with something else than a finite number where one belongs.
     ///
     /// # Errors
     /// If the file cannot be written, or has other columns.
@@ -37,7 +38,7 @@ impl Table {
                 "{}: line 1 names other columns than this experiment writes; choose another --out",
                 path.display()
             );
-            for line in lines.filter(|line| line.split(',').count() == columns) {
+            for line in lines.filter(|line| is_row(line, columns, key)) {
                 if done.insert(key_of(line, key)) {
                     kept.push_str(line);
                     kept.push('\n');
@@ -107,15 +108,19 @@ pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()>
     files::check_regular(path)?;
     match std::fs::read_to_string(path) {
         Ok(text) => {
-            // A file that was only half written is written again.
-            if let Ok(before) = serde_json::from_str::<serde_json::Value>(&text) {
-                anyhow::ensure!(
-                    before == *about,
-                    "{}: this folder holds a study with other settings; choose another --out",
+            // It is written whole or not at all: whatever else stands there, the rows beside it may be of any study.
+            let before: serde_json::Value = serde_json::from_str(&text).with_context(|| {
+                format!(
+                    "{}: not a study's settings; choose another --out",
                     path.display()
-                );
-                return Ok(());
-            }
+                )
+            })?;
+            anyhow::ensure!(
+                before == *about,
+                "{}: this folder holds a study with other settings; choose another --out",
+                path.display()
+            );
+            return Ok(());
         }
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
         Err(e) => return Err(e).with_context(|| path.display().to_string()),
@@ -139,6 +144,13 @@ pub(crate) fn write_json(path: &Path, report: &impl serde::Serialize) -> anyhow:
     replace(path, &serde_json::to_string_pretty(report)?)
 }
 
+fn is_row(line: &str, columns: usize, key: usize) -> bool {
+    let mut cells = line.split(',');
+    cells.clone().count() == columns
+        && cells.by_ref().take(key).all(|cell| !cell.is_empty())
+        && cells.all(|cell| cell.parse().is_ok_and(f64::is_finite))
+}
+
 fn key_of(line: &str, columns: usize) -> String {
     line.split(',').take(columns).collect::<Vec<_>>().join(",")
 }
@@ -156,8 +168,10 @@ mod tests {
         ensure_same(&path, &about).expect("the same");
         let error = ensure_same(&path, &serde_json::json!({"rounds": 5})).expect_err("other");
         assert!(error.to_string().contains("s.json"), "{error}");
+        // Nobody knows what the rows beside a damaged one depend on.
         std::fs::write(&path, "{\"rou").expect("written");
-        ensure_same(&path, &about).expect("half a file");
+        let error = format!("{:#}", ensure_same(&path, &about).expect_err("damaged"));
+        assert!(error.contains("s.json: not a study's settings"), "{error}");
     }
 
     #[test]
@@ -181,5 +195,21 @@ mod tests {
         assert_eq!(rows.len(), 4);
         assert_eq!(rows[3][0], "10");
         assert!(Table::open(&path, "a,b", 1).is_err());
+    }
+
+    /// A row with a damaged number is no row: it would be a NaN in every mean.
+    #[test]
+    fn damaged_rows_are_done_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("t.csv");
+        std::fs::write(
+            &path,
+            "a,b,c\n1,x,3\n2,y,4o\n3,z,NaN\n4,z,\n,z,1\n5,u,-1e-3\n",
+        )
+        .expect("written");
+        let table = Table::open(&path, "a,b,c", 2).expect("opened");
+        let known = ["1,x", "2,y", "3,z", "4,z", ",z", "5,u"].map(|key| table.has(key));
+        assert_eq!(known, [true, false, false, false, false, true]);
+        assert_eq!(table.finish().expect("finished").len(), 2);
     }
 }

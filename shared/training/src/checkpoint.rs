@@ -104,6 +104,11 @@ impl Trainer {
             return Err(ResumeError::Settings { file, reason });
         }
         let mut trainer = Self::new(scene, table, settings)?;
+        if model.sizes != trainer.model.sizes {
+            let (theirs, ours) = (model.sizes, trainer.model.sizes);
+            let reason = format!("{theirs:?}, but training is of {ours:?}");
+            return Err(ModelFileError::Sizes { file, reason }.into());
+        }
         trainer.model.parameters = model.parameters;
         checkpoint.read("targets", &mut trainer.targets.parameters)?;
         trainer.adam.load(&checkpoint, "adam")?;

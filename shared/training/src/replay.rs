@@ -40,6 +40,12 @@ impl Step {
             || beams.iter().any(|nearness| *nearness > 0.5)
     }
 
+    fn is_finite(&self) -> bool {
+        let numbers = self.visual.iter().chain(&self.said_range);
+        let mut numbers = numbers.chain(&self.action).chain(&self.expert);
+        numbers.all(|x| x.is_finite()) && self.reward.is_finite()
+    }
+
     /// Bytes of a step in a checkpoint.
     pub const BYTES: usize = 4 * (VISUAL + SECTORS + 2 + 2 + 1) + SECTORS + 2;
 
@@ -190,12 +196,16 @@ impl Replay {
         out
     }
 
-    /// The inverse of [`Self::to_bytes`]; none if the length is no whole number of steps or above the capacity.
+    /// The inverse of [`Self::to_bytes`]; none if the length is no whole number of steps or above the capacity, or one of the
+    /// numbers is not finite.
     pub fn from_bytes(bytes: &[u8], capacity: usize) -> Option<Self> {
         if !bytes.len().is_multiple_of(Step::BYTES) || bytes.len() / Step::BYTES > capacity {
             return None;
         }
         let steps: Vec<Step> = bytes.chunks_exact(Step::BYTES).map(Step::read).collect();
+        if !steps.iter().all(Step::is_finite) {
+            return None;
+        }
         Some(Self {
             eventful: steps.iter().map(Step::is_eventful).collect(),
             steps,

@@ -94,6 +94,24 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
             .err()
             .unwrap();
         assert!(error.to_string().contains("run.safetensors"), "{error}");
+        // A round in which something impossible was done: learning from it would look for that action's place.
+        second.save(&path, "test").unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let checkpoint = nn::checkpoint::load(&path).unwrap();
+        let replay = checkpoint.u8s("replay").unwrap();
+        let start = bytes.windows(replay.len()).position(|part| part == replay);
+        // After the round's length, its end and the first observation's missing action.
+        bytes[start.unwrap() + 6] = second.model.layout.actions as u8;
+        std::fs::write(&path, &bytes).unwrap();
+        let error = Trainer::resume(&path, world(domain, Setting::Original))
+            .err()
+            .unwrap();
+        assert!(
+            error
+                .to_string()
+                .contains("run.safetensors: tensor \"replay\""),
+            "{error}"
+        );
     }
 }
 

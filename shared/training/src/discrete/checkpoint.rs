@@ -78,6 +78,7 @@ impl Trainer {
         let checkpoint = nn::checkpoint::load(path)?;
         let file = checkpoint.file().to_owned();
         let layout = Arc::new(world.layout().clone());
+        let actions = layout.actions;
         let model = model_from(&checkpoint, layout)?;
         let settings: Settings = serde_json::from_str(checkpoint.metadata_value(SETTINGS)?)
             .map_err(|e| ResumeError::Settings {
@@ -92,13 +93,13 @@ impl Trainer {
         trainer.adam.load(&checkpoint, "adam")?;
         trainer.phase = checkpoint.u64s("phase", 1)?[0] as u32;
         let bytes = checkpoint.u8s("replay")?;
-        trainer
-            .replay
-            .read_bytes(bytes)
-            .ok_or(ResumeError::Replay {
+        let read = trainer.replay.read_bytes(bytes);
+        if read.is_none() || !trainer.replay.is_sound(actions) {
+            return Err(ResumeError::Replay {
                 file,
                 bytes: bytes.len(),
-            })?;
+            });
+        }
         Ok(trainer)
     }
 }

@@ -90,6 +90,21 @@ impl Replay {
         }
     }
 
+    /// Whether every round could have been lived in a world of so many actions: nothing is done before the first observation,
+    /// then one of the actions each time; all numbers are finite.
+    pub fn is_sound(&self, actions: usize) -> bool {
+        let is_action = |action: &u8| usize::from(*action) < actions;
+        self.episodes.iter().all(|episode| {
+            let (first, later) = (episode.action.first(), episode.action.iter().skip(1));
+            let mut experts = episode.expert.iter();
+            let numbers = [&episode.reward, &episode.visual, &episode.verbal];
+            first == Some(&NO_ACTION)
+                && later.into_iter().all(is_action)
+                && experts.all(|expert| *expert == NO_ACTION || is_action(expert))
+                && numbers.into_iter().flatten().all(|x| x.is_finite())
+        })
+    }
+
     /// Everything as bytes, little-endian: per round its length, whether it is terminal, actions, the expert's actions,
     /// rewards, observations.
     pub fn to_bytes(&self) -> Vec<u8> {
