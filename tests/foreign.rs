@@ -10,6 +10,7 @@ mod python;
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
 use messages::Message;
 use python::python_with_iceoryx2;
+use recorder::topics::Recorded;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -101,19 +102,13 @@ fn python_drives_in_lockstep_and_repeats_itself() {
 
 /// Every human belief of a recording, in order.
 fn beliefs(path: &Path) -> Vec<messages::HumanBelief> {
-    const CDR_HEADER: usize = 4;
-    let bytes = std::fs::read(path).unwrap();
-    let mut found: Vec<_> = mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .map(|message| message.unwrap())
-        .filter(|message| message.channel.topic.ends_with("belief/human"))
-        .map(|message| {
-            let body = &message.data[CDR_HEADER..];
-            assert_eq!(body.len(), size_of::<messages::HumanBelief>());
-            // SAFETY: as many bytes as the message has, of plain numbers.
-            unsafe { std::ptr::read_unaligned(body.as_ptr().cast::<messages::HumanBelief>()) }
-        })
-        .collect();
+    let mut found = Vec::new();
+    let read = recorder::read::read(path, |message| {
+        if let Recorded::HumanBelief(belief) = message {
+            found.push(*belief);
+        }
+    });
+    read.unwrap();
     found.sort_by_key(|belief| (belief.header.episode, belief.header.step));
     found
 }
@@ -131,19 +126,15 @@ fn a_planner_asks_python_what_people_would_do() {
         .arg("--record")
         .arg(&drive);
     drives("python-ce", &mut command, &bench, &model);
-    let bytes = std::fs::read(&drive).unwrap();
     let mut planned = 0;
-    for message in mcap::MessageStream::new(&bytes).unwrap() {
-        let message = message.unwrap();
-        if message.channel.topic.ends_with("comm/action") {
-            // SAFETY: as many bytes as the message has, of plain numbers.
-            let decision: messages::CommAction =
-                unsafe { std::ptr::read_unaligned(message.data[4..].as_ptr().cast()) };
+    let read = recorder::read::read(&drive, |message| {
+        if let Recorded::CommAction(decision) = message {
             assert_eq!(decision.reason, 0, "every question was answered");
             assert!(decision.value.is_finite());
             planned += 1;
         }
-    }
+    });
+    read.unwrap();
     assert!(planned > 50, "{planned} plans");
 }
 

@@ -10,6 +10,7 @@ use python::python;
 use recorder::read::{Ending, Found, read};
 use recorder::recording::About;
 use recorder::result::RecorderResult;
+use recorder::topics::TOPICS;
 use runtime::{ClockMode, InstanceLock, Launcher, Node, RunArguments, Stamp, now_ns};
 use std::path::Path;
 use std::process::{Child, Command};
@@ -25,6 +26,19 @@ fn frames(path: &Path) -> (Vec<u64>, Found) {
         }
     });
     (sequences, found.unwrap())
+}
+
+/// The last step that any message of a file is of.
+fn last_step(path: &Path) -> (u32, u32) {
+    let mut last = (0, 0);
+    let found = read(path, |message| {
+        let header = message.header();
+        if TOPICS[message.topic()].is_repeatable() {
+            last = last.max((header.episode, header.step));
+        }
+    });
+    found.unwrap();
+    last
 }
 
 /// How many messages Python's own reader finds before a file breaks off, by topic and in all.
@@ -191,10 +205,7 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
     let (later, found) = frames(&second);
     assert_eq!(found.ending, Ending::Closed);
     for name in [LidarFrame::ROS_TYPE, Outcome::ROS_TYPE] {
-        let known = recorder::topics::TOPICS
-            .iter()
-            .find(|topic| topic.ros_type == name)
-            .unwrap();
+        let known = TOPICS.iter().find(|topic| topic.ros_type == name).unwrap();
         let counts = &result.topics[known.name];
         // All of the gap, but for what its sender keeps for those who join late.
         let least = 40 - runtime::HISTORY as u64;
@@ -216,7 +227,10 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
     assert_eq!(counts.written, (first.len() + later.len()) as u64);
 
     let Some(python) = python() else {
-        eprintln!("skipped: no Python into which mcap could be installed");
+        eprintln!(
+            "skipped: a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on: \
+             no Python into which mcap could be installed"
+        );
         return;
     };
     let found = python_counts(python, &file);
@@ -281,16 +295,18 @@ fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
         .arg("replay")
         .arg(&file)
         .args(["--instance", &replayed]));
-    assert!(output.status.success(), "{}", told(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     for words in [
         "CUT SHORT",
         "drive.part2.mcap",
         "GAPS",
-        "REPRODUCED bit for bit",
+        "what is there is the same bit for bit",
+        "only a part of the drive",
     ] {
         assert!(text.contains(words), "no {words:?} in {text}");
     }
+    assert!(!text.contains("REPRODUCED"), "{text}");
     assert_nothing_left(&replayed);
 }
 
@@ -365,12 +381,13 @@ fn a_slow_disk_costs_counted_messages_in_real_time_and_the_run_goes_on() {
         .arg("replay")
         .arg(&file)
         .args(["--instance", &replayed]));
-    assert!(output.status.success(), "{}", told(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
         text.contains(&format!("{lost} messages were lost")) && text.contains("GAPS"),
         "{text}"
     );
+    assert!(text.contains("only a part of the drive"), "{text}");
 }
 
 #[test]
@@ -421,7 +438,10 @@ fn a_full_disk_costs_counted_messages_and_the_run_goes_on() {
         .output()
         .is_ok_and(|output| output.status.success())
     {
-        eprintln!("skipped: a file system cannot be mounted here");
+        eprintln!(
+            "skipped: a_full_disk_costs_counted_messages_and_the_run_goes_on: \
+             a file system cannot be mounted here"
+        );
         return;
     }
     let (name, json) = (instance("disk-full"), bench.path("summary.json"));
@@ -445,15 +465,20 @@ fn a_full_disk_costs_counted_messages_and_the_run_goes_on() {
     );
     let recording = &summary["recording"];
     assert_eq!(recording["complete"], false);
-    assert!(
-        recording["error"].as_str().unwrap().contains("drive.mcap"),
-        "{recording}"
-    );
     let (sequences, found) = frames(&copy);
+    let last = last_step(&copy);
+    // What happened, to which file, and where that ends: in the summary, in the file and on the terminal.
+    let error = recording["error"].as_str().unwrap();
+    assert!(
+        error.contains("drive.mcap: no space left on device"),
+        "{error}"
+    );
+    let end = format!("it ends after episode {} step {}", last.0, last.1);
+    assert!(error.contains(&end), "{error}: not {end}");
     assert_eq!(found.ending, Ending::Closed, "there was room for an end");
     let closing = found.closing.as_ref().unwrap();
     assert_eq!(closing["complete"], "false");
-    assert!(closing["error"].contains("drive.mcap"));
+    assert_eq!(closing["error"], error);
     let lidar = &recording["topics"]["world/lidar"];
     assert_eq!(lidar["written"], sequences.len());
     let lost = lidar["lost_disk"].as_u64().unwrap();
@@ -465,4 +490,7 @@ fn a_full_disk_costs_counted_messages_and_the_run_goes_on() {
     assert_eq!(sequences, (0..sequences.len() as u64).collect::<Vec<_>>());
     let warned = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(warned.contains("recording incomplete"), "{warned}");
+    assert!(warned.contains(error), "{warned}");
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(told.contains("no space left on device"), "{told}");
 }

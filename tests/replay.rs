@@ -67,6 +67,28 @@ impl Recorder {
 
     /// Replays a recording; what came out, and the summary.
     fn replay(&self, recording: &Path, more: &[&str]) -> (Output, serde_json::Value) {
+        let (output, summary) = self.ended(recording, more);
+        assert!(output.status.success(), "{}", told(&output));
+        assert_eq!(summary["complete"], true);
+        (output, summary)
+    }
+
+    /// Replays a recording in which something is missing, and in the rest of which nothing differs.
+    fn replay_part(&self, recording: &Path) -> (Output, serde_json::Value) {
+        let (output, summary) = self.ended(recording, &[]);
+        assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+        assert_eq!(summary["complete"], false);
+        assert_eq!(summary["reproduced"], serde_json::Value::Null);
+        says(
+            &output,
+            &["the same bit for bit", "only a part of the drive"],
+        );
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(!text.contains("REPRODUCED"), "{text}");
+        (output, summary)
+    }
+
+    fn ended(&self, recording: &Path, more: &[&str]) -> (Output, serde_json::Value) {
         let file = self.bench.path("replay.json");
         let name = instance(&format!("{}-replay", self.test));
         let mut command = mirror();
@@ -77,7 +99,6 @@ impl Recorder {
             .arg(&file);
         let output = run(command.args(more));
         assert_nothing_left(&name);
-        assert!(output.status.success(), "{}", told(&output));
         (output, summary(&file))
     }
 
@@ -125,6 +146,21 @@ impl Recorder {
         assert!(recording.finish(&Default::default()).is_complete());
         path
     }
+}
+
+/// Where the chunks with messages lie in a recording: beginning and length.
+fn chunks(recording: &[u8]) -> Vec<(usize, usize)> {
+    let summary = mcap::Summary::read(recording).unwrap().unwrap();
+    let chunks = summary.chunk_indexes.iter();
+    let chunks = chunks.filter(|chunk| chunk.message_end_time > 0);
+    chunks
+        .map(|chunk| {
+            (
+                chunk.chunk_start_offset as usize,
+                chunk.chunk_length as usize,
+            )
+        })
+        .collect()
 }
 
 fn says(output: &Output, words: &[&str]) {
@@ -216,20 +252,31 @@ fn a_cut_recording_replays_up_to_the_cut() {
     let recorder = Recorder::drive("cut", &[]);
     let bytes = std::fs::read(&recorder.drive).unwrap();
     let mut steps = Vec::new();
-    for part in [10, 5] {
-        let cut = recorder
-            .bench
-            .write("cut.mcap", &bytes[..bytes.len() * part / 11]);
-        let (output, summary) = recorder.replay(&cut, &[]);
-        assert_eq!(summary["reproduced"], true, "{}", told(&output));
+    let (chunk, length) = chunks(&bytes)[0];
+    for end in [bytes.len() * 10 / 11, chunk + length * 6 / 10] {
+        let cut = recorder.bench.write("cut.mcap", &bytes[..end]);
+        let (output, summary) = recorder.replay_part(&cut);
         let found = &summary["parts"][0];
         assert!(
             found["cut"].as_str().unwrap().contains("at byte"),
             "{found}"
         );
         assert!(found["messages"].as_u64().unwrap() > 0);
-        says(&output, &["CUT SHORT", "REPRODUCED bit for bit"]);
-        steps.push(summary["steps"].as_u64().unwrap());
+        says(&output, &["CUT SHORT"]);
+        let replayed = summary["steps"].as_u64().unwrap();
+        steps.push(replayed);
+        if end < chunk + length {
+            // The first episode breaks off, and nobody knows how many steps it had.
+            let last = summary["missing"].as_array().unwrap().last().unwrap();
+            assert_eq!(last["episode"], 0, "{summary}");
+            assert_eq!(last["to"], serde_json::Value::Null);
+            let from = last["from"].as_u64().unwrap();
+            assert!(from >= replayed, "{summary}");
+            says(
+                &output,
+                &[&format!("MISSING: episode 0 from step {from} on")],
+            );
+        }
     }
     assert!(steps[1] > 0 && steps[1] < steps[0], "{steps:?}");
     let head = recorder.bench.write("head.mcap", &bytes[..600]);
@@ -310,7 +357,7 @@ fn gaps_are_replayed_around_and_said() {
             _ => false,
         }
     });
-    let (output, summary) = recorder.replay(&path, &[]);
+    let (output, summary) = recorder.replay_part(&path);
     assert_eq!(summary["gaps"]["world/lidar"], 1);
     assert_eq!(summary["gaps"]["driver/action"], 1);
     assert_eq!(summary["skipped_steps"], 1);
@@ -324,9 +371,47 @@ fn gaps_are_replayed_around_and_said() {
         assert_eq!(row["after_gap"], expected, "episode {episode} step {step}");
     }
     // What comes before the gaps is still the same.
-    assert_eq!(summary["reproduced"], true, "{}", told(&output));
     assert_eq!(summary["decisions"]["compared"], 6 + 3);
-    says(&output, &["GAPS: 1 messages missing on /world/lidar"]);
+    let words = [
+        "GAPS: 1 messages missing on /world/lidar",
+        "MISSING: episode 0 step 6\n",
+    ];
+    says(&output, &words);
+    // With another planner, too, it is only a part.
+    let (output, summary) = recorder.ended(&path, &["--planner", "none"]);
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    assert_eq!(summary["reproduced"], serde_json::Value::Null);
+    says(
+        &output,
+        &["need not be the same", "only a part of the drive"],
+    );
+}
+
+#[test]
+fn a_damaged_chunk_costs_its_steps_and_the_word() {
+    let recorder = Recorder::drive("damaged", &[]);
+    let (_, whole) = recorder.replay(&recorder.drive, &[]);
+    let mut bytes = std::fs::read(&recorder.drive).unwrap();
+    let chunks = chunks(&bytes);
+    assert!(chunks.len() >= 2, "nothing behind the chunk: {chunks:?}");
+    let (chunk, length) = chunks[0];
+    bytes[chunk + length / 2..][..8].fill(0x5a);
+    let path = recorder.bench.write("damaged.mcap", &bytes);
+    let (output, found) = recorder.replay_part(&path);
+    says(&output, &[&format!("DAMAGED: byte {chunk}: "), "MISSING: "]);
+    // What is missing is named, all of it, and what comes behind it is replayed.
+    let mut missing = 0;
+    for stretch in found["missing"].as_array().unwrap() {
+        let episode = stretch["episode"].as_u64().unwrap();
+        let of_episode = |row: &&serde_json::Value| row["episode"] == episode;
+        let steps = whole["step_list"].as_array().unwrap().iter();
+        let last = steps.filter(of_episode).count() as u64 - 1;
+        let to = stretch["to"].as_u64().unwrap_or(last);
+        missing += to + 1 - stretch["from"].as_u64().unwrap();
+    }
+    let replayed = found["steps"].as_u64().unwrap();
+    assert!(replayed > 0 && missing > 0, "{found}");
+    assert_eq!(replayed + missing, whole["steps"].as_u64().unwrap());
 }
 
 #[test]

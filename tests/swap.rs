@@ -4,7 +4,8 @@
 mod common;
 
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, status, summary, told};
-use messages::{CommAction, LidarFrame, RobotBelief, topic};
+use messages::{CommAction, Header, LidarFrame, Message, RobotBelief, topic};
+use recorder::topics::Recorded;
 use runtime::{Node, Receive, RunArguments, Stamp, Wake};
 use serde_json::Value;
 use std::path::Path;
@@ -401,23 +402,15 @@ fn decisions_before_a_swap_are_those_of_a_run_without_it() {
 
 /// Position and body without the header of every human belief that was recorded.
 fn beliefs(path: &std::path::Path) -> Vec<((u32, u32), Vec<u8>)> {
-    use messages::{Header, HumanBelief, Message};
-    const CDR_HEADER: usize = 4;
-    let bytes = std::fs::read(path).unwrap();
-    let mut found: Vec<_> = mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .map(|message| message.unwrap())
-        .filter(|message| message.channel.topic.ends_with("belief/human"))
-        .map(|message| {
-            let body = &message.data[CDR_HEADER..];
-            assert_eq!(body.len(), size_of::<HumanBelief>());
-            // SAFETY: as many bytes as the message has, of plain numbers.
-            let belief: HumanBelief = unsafe { std::ptr::read_unaligned(body.as_ptr().cast()) };
-            let header = belief.header().unwrap();
-            let position = (header.episode, header.step);
-            (position, body[size_of::<Header>()..].to_vec())
-        })
-        .collect();
+    let mut found = Vec::new();
+    let read = recorder::read::read(path, |message| {
+        if let Recorded::HumanBelief(belief) = message {
+            let position = (belief.header.episode, belief.header.step);
+            let body = belief.bytes()[size_of::<Header>()..].to_vec();
+            found.push((position, body));
+        }
+    });
+    read.unwrap();
     found.sort_by_key(|(position, _)| *position);
     found
 }

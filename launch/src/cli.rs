@@ -59,6 +59,8 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Replace a process of a running set: the new one takes over at a step border
     Swap(SwapArguments),
+    /// Write the messages' ROS 2 definitions, for programs that read recordings
+    Messages(MessagesArguments),
     /// Show what is running, what a dead run left, and whether this machine's limits suffice
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
@@ -224,6 +226,14 @@ pub enum Clock {
     Lockstep,
     /// The world ticks at its own rate and takes the newest action
     Realtime,
+}
+
+/// Options of `mirror messages`.
+#[derive(Args, Debug)]
+pub struct MessagesArguments {
+    /// Folder for the package `mirror_msgs`: package.xml, CMakeLists.txt, msg/*.msg; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
 }
 
 /// Options of `mirror doctor`.

@@ -10,6 +10,7 @@ mod gridworld;
 mod inputs;
 mod learn;
 mod learned;
+mod messages_package;
 mod own;
 mod place;
 mod process;
@@ -48,6 +49,7 @@ fn main() -> ExitCode {
         Command::Swap(arguments) => swap::swap(&arguments),
         Command::Replay(arguments) => replay::replay(&arguments),
         Command::Profile(arguments) => profile::profile(&arguments),
+        Command::Messages(arguments) => messages_package::write(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),
         Command::Evaluate(study) => evaluate::evaluate(&study),

@@ -14,6 +14,16 @@ pub fn python() -> Option<&'static PathBuf> {
     FOUND.get_or_init(find).as_ref()
 }
 
+/// One that checks recordings: with `rosbags`, and with the program `rerun` beside it.
+pub fn python_with_rosbags() -> Option<&'static PathBuf> {
+    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
+    let packages = ["rosbags>=0.10.6", "rerun-sdk>=0.41"];
+    let needs = "import rerun, rosbags.highlevel, sys, pathlib; assert pathlib.Path(sys.executable).with_name('rerun').exists()";
+    FOUND
+        .get_or_init(|| find("python-rosbags", &packages, needs))
+        .as_ref()
+}
+
 /// One that can be a process of a set; none where no such Python can be had.
 pub fn python_with_iceoryx2() -> Option<&'static PathBuf> {
     static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();

@@ -4,7 +4,7 @@ use super::resolve::{Resolved, method_name};
 use crate::place::ItemNames;
 use anyhow::{Context, Result};
 use recorder::setup::KEY;
-use replay::{Decision, Drive, Part, Row};
+use replay::{Decision, Drive, MissingSteps, Part, Row};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -12,6 +12,8 @@ use std::path::Path;
 
 /// Version of the JSON.
 const SCHEMA: &str = "mirror-replay/1";
+/// Most stretches of missing steps that are printed.
+const MOST_MISSING: usize = 12;
 /// [`Decision::reason`] of a decision without a planner.
 const NO_PLANNER: u32 = 1;
 /// [`Decision::reason`] of a decision that the human model gave no answer to.
@@ -79,6 +81,10 @@ pub struct Report {
     pub parts: Vec<Part>,
     /// Messages missing inside the recording, by topic.
     pub gaps: BTreeMap<&'static str, u64>,
+    /// Whether the recording has all that was sent, as far as it can tell.
+    pub complete: bool,
+    /// Steps that are missing in an incomplete one.
+    pub missing: Vec<MissingSteps>,
     /// Scene, seed, version … as the recording says.
     pub about: BTreeMap<String, String>,
     /// Who drove.
@@ -91,7 +97,8 @@ pub struct Report {
     pub now: Models,
     /// Why the decisions need not be the same; where empty, they must be.
     pub differences: Vec<String>,
-    /// Whether every belief and decision that can be compared has the same bytes as then; none where they need not.
+    /// Whether every belief and decision has the same bytes as then; none where they need not, or where some of the drive is
+    /// missing and nothing differs in the rest.
     pub reproduced: Option<bool>,
     /// Steps replayed.
     pub steps: u64,
@@ -140,6 +147,8 @@ impl Report {
             schema: SCHEMA,
             parts: drive.parts.clone(),
             gaps: drive.gaps.clone(),
+            complete: drive.is_complete(),
+            missing: Vec::new(),
             about,
             driver: resolved.setup.driver.clone(),
             clock: resolved.setup.clock.clone(),
@@ -173,8 +182,16 @@ impl Report {
             step_list: rows,
             items,
         };
+        if !report.complete {
+            report.missing = drive.missing_steps();
+        }
         report.compare();
         report
+    }
+
+    /// Whether the whole drive was replayed and nothing differs that must not.
+    pub fn is_success(&self) -> bool {
+        self.complete && self.reproduced != Some(false)
     }
 
     fn compare(&mut self) {
@@ -208,9 +225,12 @@ impl Report {
         }
         if self.differences.is_empty() {
             let all = [self.robot_beliefs, self.human_beliefs, self.decisions];
-            self.reproduced = Some(
-                all.iter().all(|same| same.same == same.compared) && self.decisions.compared > 0,
-            );
+            let same = all.iter().all(|same| same.same == same.compared);
+            self.reproduced = match (self.complete, same) {
+                (true, same) => Some(same && self.decisions.compared > 0),
+                (false, true) => None,
+                (false, false) => Some(false),
+            };
         }
     }
 
@@ -244,6 +264,14 @@ impl Report {
                     cut.trim_start_matches("cut short at ")
                 );
             }
+            for damage in &part.damage {
+                let damage = damage.trim_start_matches("damaged at ");
+                let _ = writeln!(out, "  DAMAGED: {damage}");
+            }
+            if part.gone > 0 {
+                let gone = part.gone;
+                let _ = writeln!(out, "  {gone} messages that were in it are lost");
+            }
             if let Some(lost) = part.counted_lost.filter(|lost| *lost > 0) {
                 let _ = writeln!(
                     out,
@@ -253,6 +281,15 @@ impl Report {
         }
         for (topic, lost) in &self.gaps {
             let _ = writeln!(out, "  GAPS: {lost} messages missing on /{topic}");
+        }
+        if !self.missing.is_empty() {
+            let listed = self.missing.iter().take(MOST_MISSING);
+            let listed: Vec<_> = listed.map(ToString::to_string).collect();
+            let more = match self.missing.len().saturating_sub(MOST_MISSING) {
+                0 => String::new(),
+                more => format!(" … and {more} more stretches (--summary FILE for all)"),
+            };
+            let _ = writeln!(out, "  MISSING: {}{more}", listed.join("; "));
         }
         let (clock, driver) = (&self.clock, &self.driver);
         let _ = writeln!(
@@ -414,6 +451,7 @@ impl Report {
         let verdict = match self.reproduced {
             Some(true) => "REPRODUCED bit for bit",
             Some(false) => "NOT REPRODUCED: everything is as recorded, and yet something differs",
+            None if self.differences.is_empty() => "what is there is the same bit for bit",
             None => "need not be the same:",
         };
         let _ = writeln!(out, "{verdict}");
@@ -424,6 +462,12 @@ impl Report {
             let _ = writeln!(
                 out,
                 "  (person and world are as recorded at every step, whatever would have been said before it)"
+            );
+        }
+        if !self.complete {
+            let _ = writeln!(
+                out,
+                "this is only a part of the drive: the recording is incomplete, and nothing is shown of what it lacks"
             );
         }
     }

@@ -335,6 +335,7 @@ impl Plan {
             seed: self.seed,
             run_id: run.run_id,
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            step_ns: (1e9 * self.scene.step_s()).round() as u64,
             setup,
         })
     }

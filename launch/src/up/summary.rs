@@ -377,6 +377,9 @@ impl Summary {
                 "INCOMPLETE"
             };
             let _ = writeln!(out, "recording {} ({word})", file.display());
+            if let Some(error) = &recording.error {
+                let _ = writeln!(out, "  {error}");
+            }
         }
         self.write_deaths(out);
         if let Some(reason) = &self.ended_early {

@@ -1,5 +1,4 @@
-//! Writes plain CDR (little endian), the body format of ROS 2 messages, for the few standard types that the recorder
-//! derives. MIRROR's own messages need none of this: their memory is their body.
+//! Writes and reads plain CDR (little endian), the body format of ROS 2 messages.
 
 /// The encapsulation header before every body: plain CDR, little endian, no options.
 pub const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -19,22 +18,21 @@ impl Cdr {
         self.bytes.extend_from_slice(&ENCAPSULATION);
     }
 
-    /// Starts a new body and fills it with a message that already is CDR.
-    pub fn copy(&mut self, body: &[u8]) {
-        self.start();
-        self.bytes.extend_from_slice(body);
-    }
-
     /// Encapsulation header and body.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    fn number(&mut self, little_endian: &[u8]) {
+    /// Numbers as they lie in memory, the first aligned to `align` and none of them to more.
+    pub fn numbers(&mut self, little_endian: &[u8], align: usize) {
         let written = self.bytes.len() - ENCAPSULATION.len();
-        let start = written.next_multiple_of(little_endian.len());
+        let start = written.next_multiple_of(align);
         self.bytes.resize(start + ENCAPSULATION.len(), 0);
         self.bytes.extend_from_slice(little_endian);
+    }
+
+    fn number(&mut self, little_endian: &[u8]) {
+        self.numbers(little_endian, little_endian.len());
     }
 
     /// A `bool`.
@@ -78,6 +76,46 @@ impl Cdr {
     }
 }
 
+/// A body being read.
+#[derive(Clone, Copy, Debug)]
+pub struct Read<'a> {
+    body: &'a [u8],
+    position: usize,
+}
+
+impl<'a> Read<'a> {
+    /// Of a message with its encapsulation header; none if that is not [`ENCAPSULATION`].
+    pub fn new(message: &'a [u8]) -> Option<Self> {
+        let body = message.strip_prefix(ENCAPSULATION.as_slice())?;
+        Some(Self { body, position: 0 })
+    }
+
+    /// Bytes of the body that have been read.
+    pub fn position(&self) -> usize {
+        self.position
+    }
+
+    /// Bytes of the body that have not.
+    pub fn rest(&self) -> usize {
+        self.body.len() - self.position
+    }
+
+    /// The next `size` bytes, the first aligned to `align`; none if the body is shorter.
+    pub fn numbers(&mut self, size: usize, align: usize) -> Option<&'a [u8]> {
+        let start = self.position.next_multiple_of(align);
+        let bytes = self.body.get(start..start.checked_add(size)?)?;
+        self.position = start + size;
+        Some(bytes)
+    }
+
+    /// A `string`; none if there is none.
+    pub fn string(&mut self) -> Option<&'a str> {
+        let length = u32::from_le_bytes(self.numbers(4, 4)?.try_into().ok()?);
+        let (end, text) = self.numbers(length as usize, 1)?.split_last()?;
+        (*end == 0).then(|| str::from_utf8(text).ok())?
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -115,9 +153,40 @@ mod tests {
     }
 
     #[test]
+    fn what_was_written_is_read() {
+        let mut cdr = Cdr::default();
+        cdr.start();
+        cdr.string("größer");
+        cdr.f64(0.5);
+        let mut read = Read::new(cdr.bytes()).expect("ours");
+        assert_eq!(read.string(), Some("größer"));
+        assert_eq!(read.numbers(8, 8), Some(&0.5_f64.to_le_bytes()[..]));
+        assert_eq!((read.rest(), read.numbers(1, 1)), (0, None));
+    }
+
+    #[test]
+    fn what_is_no_string_is_none() {
+        let string = |body: &[u8]| Read::new(body).expect("ours").string().map(str::to_owned);
+        assert_eq!(
+            string(&[0, 1, 0, 0, 2, 0, 0, 0, b'a', 0]),
+            Some("a".to_owned())
+        );
+        assert_eq!(
+            string(&[0, 1, 0, 0, 2, 0, 0, 0, b'a', b'b']),
+            None,
+            "no end"
+        );
+        assert_eq!(string(&[0, 1, 0, 0, 3, 0, 0, 0, b'a', 0]), None, "cut");
+        assert_eq!(string(&[0, 1, 0, 0, 0, 0, 0, 0]), None, "not even an end");
+        assert_eq!(string(&[0, 1, 0, 0, 2, 0, 0, 0, 0xff, 0]), None, "no UTF-8");
+        assert!(Read::new(&[0, 0, 0, 0]).is_none(), "big endian");
+    }
+
+    #[test]
     fn memory_is_reused_and_the_last_body_forgotten() {
         let mut cdr = Cdr::default();
-        cdr.copy(&[7; 64]);
+        cdr.start();
+        cdr.numbers(&[7; 64], 1);
         cdr.start();
         cdr.u32(1);
         assert_eq!(cdr.bytes(), [0, 1, 0, 0, 1, 0, 0, 0]);

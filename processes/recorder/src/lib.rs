@@ -4,15 +4,24 @@
 //! A recorder that is killed leaves a file that is sound up to its last chunk. One that takes its place in the same run
 //! goes on in the next part ([`parts`]) and counts what was sent in between as lost.
 
+pub mod body;
 pub mod cdr;
+pub mod drive_time;
+mod format;
+mod found;
+mod frames;
+pub mod order;
+mod outcome;
 pub mod parts;
 mod picture;
+pub mod qos;
 pub mod queue;
 pub mod read;
 pub mod recording;
 pub mod result;
 pub mod ros;
 pub mod setup;
+pub mod text;
 pub mod topics;
 pub mod visual;
 
@@ -171,7 +180,7 @@ impl Recorder {
         if let Some(path) = &options.record {
             before = parts::parts_of(path, options.about.run_id);
             let part = parts::part_path(path, before.len() + 1);
-            queue = Some(start_writer(&part, when_full, options)?);
+            queue = Some(start_writer(&part, &before, when_full, options)?);
             file = Some(part);
         }
         let taken = Taken {
@@ -285,8 +294,16 @@ impl Recorder {
     }
 }
 
-fn start_writer(part: &Path, when_full: WhenFull, options: &Options) -> Result<Queue> {
+fn start_writer(
+    part: &Path,
+    before: &[PathBuf],
+    when_full: WhenFull,
+    options: &Options,
+) -> Result<Queue> {
     let mut recording = Recording::create(part, &options.about, &options.road)?;
+    if let Some(anchor) = before.iter().rev().find_map(|part| read::end_of(part)) {
+        recording.go_on_from(anchor);
+    }
     recording.stall(Duration::from_millis(options.stall_ms_per_chunk));
     let blocks = match options.queue_blocks {
         0 => BLOCKS,

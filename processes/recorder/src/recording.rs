@@ -1,18 +1,29 @@
 //! An MCAP file being written: channels, chunks, the closing metadata, and what happens when the disk fills.
 //!
+//! Times are the drive's ([`DriveTime`]), and messages stand in its order ([`Order`]); when a message was really sent is in
+//! its header. Text is recorded as strings ([`Body`]).
+//!
 //! Chunks are compressed in memory and written whole. After each one the file's length is remembered; when a write
 //! fails, the file is cut back to the last place where it was sound and closed there with a record that says what is
 //! missing. What could not be kept is counted by topic, and the run goes on.
 
+use crate::body::Body;
 use crate::cdr::Cdr;
+use crate::drive_time::{Anchor, DriveTime};
+use crate::format::{closing, options, reason};
+use crate::order::Order;
+use crate::outcome::metadata;
+pub use crate::outcome::{Lost, METADATA, Written};
+use crate::qos::Qos;
+use crate::ros::write_clock;
+pub use crate::setup::About;
 use crate::setup::{self, Setup};
 use crate::topics::{PerTopic, Recorded, TOPICS};
 use crate::visual::{CHANNELS, Channel, RoadLine, Visuals};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
-use std::collections::BTreeMap;
+use mcap::{Attachment, McapError, Writer};
 use std::fs::File;
-use std::io::{self, Cursor, Seek, SeekFrom, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -20,8 +31,11 @@ use std::time::Duration;
 const CHUNK_BYTES: usize = 256 << 10;
 /// … and the time after which it is, if that comes first: the most that a killed recorder loses.
 const CHUNK_NS: u64 = 1_000_000_000;
-/// Name of the metadata record that closes a recording.
-pub const METADATA: &str = "mirror";
+/// Messages after which is looked for some that need not be held any longer, and the time after which it is.
+const LOOK_MESSAGES: usize = 32;
+const LOOK_NS: u64 = 100_000_000;
+/// Messages that may wait for the drive to begin; a set whose world says nothing is recorded nevertheless.
+const MOST_EARLY: usize = 1024;
 
 /// Why a recording could not be started.
 #[derive(Debug, thiserror::Error)]
@@ -43,7 +57,7 @@ pub enum RecordingError {
         source: io::Error,
     },
     /// The file was created, but its head could not be written.
-    #[error("recording {}: cannot write its head: {source}", path.display())]
+    #[error("recording {}: cannot write its head: {}", path.display(), reason(source))]
     Head {
         /// The file.
         path: PathBuf,
@@ -52,82 +66,16 @@ pub enum RecordingError {
     },
 }
 
-/// What a recording is of; part of the metadata at its head and at its end.
-#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
-#[serde(default)]
-pub struct About {
-    /// Scene name or file.
-    pub scene: String,
-    /// Kind of human model.
-    pub human: String,
-    /// Kind of planner.
-    pub planner: String,
-    /// Seed of the run.
-    pub seed: u64,
-    /// Identity of the run, as in every message's header.
-    pub run_id: u64,
-    /// Version of MIRROR.
-    pub version: String,
-    /// What a replay needs; at the head only.
-    pub setup: Setup,
-}
+/// Episode and step.
+type At = (u32, u32);
 
-impl About {
-    fn entries(&self) -> BTreeMap<String, String> {
-        BTreeMap::from([
-            ("scene".to_owned(), self.scene.clone()),
-            ("human".to_owned(), self.human.clone()),
-            ("planner".to_owned(), self.planner.clone()),
-            ("seed".to_owned(), self.seed.to_string()),
-            (setup::RUN_ID.to_owned(), self.run_id.to_string()),
-            ("version".to_owned(), self.version.clone()),
-        ])
-    }
-}
-
-/// Messages that never reached the recording, by topic.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Lost {
-    /// Gaps in the sequence numbers at the recorder's ports.
-    pub ports: PerTopic,
-    /// Dropped because the writer fell behind.
-    pub queue: PerTopic,
-    /// Dropped because the file could not take them.
-    pub disk: PerTopic,
-    /// Sent between the last chunk of a recorder that was killed and the start of the one that took its place.
-    pub restart: PerTopic,
-}
-
-impl Lost {
-    /// All losses of each topic.
-    pub fn by_topic(&self) -> PerTopic {
-        core::array::from_fn(|topic| {
-            self.ports[topic] + self.queue[topic] + self.disk[topic] + self.restart[topic]
-        })
-    }
-
-    /// All losses.
-    pub fn total(&self) -> u64 {
-        self.by_topic().iter().sum()
-    }
-}
-
-/// What became of a recording.
-#[derive(Clone, Debug, Default)]
-pub struct Written {
-    /// Messages in the file, by topic.
-    pub written: PerTopic,
-    /// Messages that are not.
-    pub lost: Lost,
-    /// Why writing ended early, if it did.
-    pub error: Option<String>,
-}
-
-impl Written {
-    /// Whether the file has every message that was sent.
-    pub fn is_complete(&self) -> bool {
-        self.error.is_none() && self.lost.total() == 0
-    }
+/// A length at which the file is sound, and what it then holds.
+#[derive(Clone, Copy, Debug)]
+struct Sound {
+    length: u64,
+    written: PerTopic,
+    /// The step of its last message.
+    last: Option<At>,
 }
 
 /// An open recording.
@@ -141,18 +89,33 @@ pub struct Recording {
     channels: [u16; TOPICS.len()],
     derived: [u16; CHANNELS.len()],
     derived_count: [u32; CHANNELS.len()],
+    bodies: Vec<Body>,
+    time: DriveTime,
+    /// What came before the drive began.
+    early: Vec<Recorded>,
+    order: Order,
+    /// Messages since the last look at the order, and when the newest before it was sent.
+    unlooked: usize,
+    looked_ns: u64,
     visuals: Visuals,
     /// The road's lines, until the first message gives them a time.
     road: Option<Vec<RoadLine>>,
+    /// The newest time on `/clock`.
+    clock_ns: u64,
     cdr: Cdr,
     chunk_bytes: usize,
-    /// When the chunk's first message was sent.
+    /// When the first message in the chunk was sent.
     chunk_start_ns: u64,
     /// Slept after every chunk.
     stall: Duration,
     taken: PerTopic,
-    /// Lengths at which the file is sound, and how much of each topic it then holds.
-    sound: Vec<(u64, PerTopic)>,
+    written: PerTopic,
+    /// The step of the last message written.
+    last: Option<At>,
+    sound: Vec<Sound>,
+    /// Why writing has stopped.
+    why: Option<String>,
+    /// The same, with the file and its end.
     error: Option<String>,
     interrupted: Option<String>,
 }
@@ -187,19 +150,37 @@ impl Recording {
             channels: [0; TOPICS.len()],
             derived: [0; CHANNELS.len()],
             derived_count: [0; CHANNELS.len()],
+            bodies: TOPICS
+                .iter()
+                .map(|topic| Body::of((topic.fields)()))
+                .collect(),
+            time: DriveTime::new(about.step_ns),
+            early: Vec::new(),
+            order: Order::default(),
+            unlooked: 0,
+            looked_ns: 0,
             visuals: Visuals::default(),
             road: Some(road.to_vec()),
+            clock_ns: 0,
             cdr: Cdr::default(),
             chunk_bytes: 0,
             chunk_start_ns: 0,
             stall: Duration::ZERO,
             taken: [0; TOPICS.len()],
+            written: [0; TOPICS.len()],
+            last: None,
             sound: Vec::new(),
+            why: None,
             error: None,
             interrupted: None,
         };
         recording.write_head(&attached).map_err(head)?;
         Ok(recording)
+    }
+
+    /// Counts time on from a step of an earlier part.
+    pub fn go_on_from(&mut self, anchor: Anchor) {
+        self.time.go_on_from(anchor);
     }
 
     /// Makes the disk seem slow: after every chunk, the writer sleeps. For tests of what a slow disk does.
@@ -223,15 +204,15 @@ impl Recording {
         for attachment in attached {
             writer.attach(attachment)?;
         }
-        let none = BTreeMap::new();
+        let stream = Qos::Stream.metadata();
         for (id, topic) in self.channels.iter_mut().zip(&TOPICS) {
             let name = topic.ros_type.replacen('/', "/msg/", 1);
             let schema = writer.add_schema(&name, "ros2msg", (topic.definition)().as_bytes())?;
-            *id = writer.add_channel(schema, &format!("/{}", topic.name), "cdr", &none)?;
+            *id = writer.add_channel(schema, &format!("/{}", topic.name), "cdr", &stream)?;
         }
-        for (id, (topic, schema)) in self.derived.iter_mut().zip(&CHANNELS) {
+        for (id, (topic, schema, qos)) in self.derived.iter_mut().zip(&CHANNELS) {
             let schema = writer.add_schema(schema.name, "ros2msg", schema.definition.as_bytes())?;
-            *id = writer.add_channel(schema, topic, "cdr", &none)?;
+            *id = writer.add_channel(schema, topic, "cdr", &qos.metadata())?;
         }
         writer.flush()?;
         self.mark_sound()?;
@@ -239,16 +220,20 @@ impl Recording {
     }
 
     fn mark_sound(&mut self) -> io::Result<()> {
-        self.sound.push((self.file.stream_position()?, self.taken));
+        self.sound.push(Sound {
+            length: self.file.stream_position()?,
+            written: self.written,
+            last: self.last,
+        });
         Ok(())
     }
 
-    /// Writes a message and all that is derived from it. A failure is kept for [`Self::finish`]; from then on
-    /// messages are only counted.
+    /// Takes a message, and writes it and all that is derived from it once its turn comes. A failure is kept for
+    /// [`Self::finish`]; from then on messages are only counted.
     pub fn write(&mut self, message: &Recorded) {
         self.taken[message.topic()] += 1;
         if self.writer.is_some()
-            && let Err(error) = self.try_write(message)
+            && let Err(error) = self.try_take(message)
         {
             self.fail(&error);
         }
@@ -264,26 +249,65 @@ impl Recording {
         self.interrupted = Some(why.to_owned());
     }
 
-    fn try_write(&mut self, message: &Recorded) -> Result<(), McapError> {
+    fn try_take(&mut self, message: &Recorded) -> Result<(), McapError> {
+        let sent_ns = message.header().sent_ns;
+        match self.time.of(message) {
+            Some(time_ns) => {
+                self.take_early(time_ns);
+                self.order.push(time_ns, message);
+            }
+            None if self.early.len() < MOST_EARLY => self.early.push(*message),
+            None => {
+                self.time.begin(sent_ns);
+                return self.try_take(message);
+            }
+        }
+        self.unlooked += 1;
+        let unlooked_ns = sent_ns.saturating_sub(self.looked_ns);
+        if self.unlooked >= LOOK_MESSAGES || unlooked_ns >= LOOK_NS {
+            (self.unlooked, self.looked_ns) = (0, sent_ns);
+            self.release(false)?;
+        }
+        let age_ns = sent_ns.saturating_sub(self.chunk_start_ns);
+        if self.chunk_bytes > 0 && age_ns >= CHUNK_NS {
+            self.close_chunk()?;
+        }
+        Ok(())
+    }
+
+    /// What came before the drive stands at its beginning.
+    fn take_early(&mut self, begin_ns: u64) {
+        for message in self.early.drain(..) {
+            self.order.push(begin_ns, &message);
+        }
+    }
+
+    /// Writes what need not be held any longer, or all that there is.
+    fn release(&mut self, all: bool) -> Result<(), McapError> {
+        let mut order = core::mem::take(&mut self.order);
+        let write = |time_ns, message: &Recorded| self.put(time_ns, message);
+        let result = match all {
+            true => order.release_all(write),
+            false => order.release(write),
+        };
+        self.order = order;
+        result
+    }
+
+    fn put(&mut self, time_ns: u64, message: &Recorded) -> Result<(), McapError> {
         let Some(writer) = &mut self.writer else {
             return Ok(());
         };
-        let header = message.header();
+        let (topic, header) = (message.topic(), message.header());
         let record = |channel_id, sequence| MessageHeader {
             channel_id,
             sequence,
-            log_time: header.sent_ns,
-            publish_time: header.cause_ns,
+            log_time: time_ns,
+            publish_time: time_ns,
         };
         if self.chunk_bytes == 0 {
             self.chunk_start_ns = header.sent_ns;
         }
-        self.cdr.copy(message.bytes());
-        writer.write_to_known_channel(
-            &record(self.channels[message.topic()], header.sequence as u32),
-            self.cdr.bytes(),
-        )?;
-        self.chunk_bytes += self.cdr.bytes().len();
         let mut result = Ok(());
         let mut emit = |channel: usize, body: &[u8]| {
             if result.is_ok() {
@@ -294,14 +318,35 @@ impl Recording {
                 self.chunk_bytes += body.len();
             }
         };
+        if time_ns > self.clock_ns {
+            self.clock_ns = time_ns;
+            write_clock(time_ns, &mut self.cdr);
+            emit(Channel::Clock as usize, self.cdr.bytes());
+        }
         if let Some(road) = self.road.take() {
-            Visuals::road(&road, header.sent_ns, &mut self.cdr);
+            Visuals::road(&road, time_ns, &mut self.cdr);
             emit(Channel::Road as usize, self.cdr.bytes());
         }
-        self.visuals.derive(message, &mut emit);
+        self.visuals.derive(message, time_ns, &mut emit);
         result?;
-        let age_ns = header.sent_ns.saturating_sub(self.chunk_start_ns);
-        if self.chunk_bytes >= CHUNK_BYTES || age_ns >= CHUNK_NS {
+        self.bodies[topic].write(message.bytes(), &mut self.cdr);
+        writer.write_to_known_channel(
+            &record(self.channels[topic], header.sequence as u32),
+            self.cdr.bytes(),
+        )?;
+        self.chunk_bytes += self.cdr.bytes().len();
+        self.written[topic] += 1;
+        if TOPICS[topic].is_repeatable() {
+            self.last = Some((header.episode, header.step));
+        }
+        if self.chunk_bytes >= CHUNK_BYTES {
+            self.close_chunk()?;
+        }
+        Ok(())
+    }
+
+    fn close_chunk(&mut self) -> Result<(), McapError> {
+        if let Some(writer) = &mut self.writer {
             writer.flush()?;
             self.chunk_bytes = 0;
             self.mark_sound()?;
@@ -312,15 +357,31 @@ impl Recording {
         Ok(())
     }
 
-    fn fail(&mut self, error: &dyn core::fmt::Display) {
-        self.error = Some(format!("recording {}: {error}", self.path.display()));
+    fn fail(&mut self, error: &McapError) {
+        self.why = Some(reason(error));
+        self.error = self.describe(self.sound.last());
         if let Some(writer) = self.writer.take() {
             drop(writer.into_inner());
         }
     }
 
+    /// Why writing has stopped, and after what.
+    fn describe(&self, sound: Option<&Sound>) -> Option<String> {
+        let why = self.why.as_ref()?;
+        let end = match sound.and_then(|sound| sound.last) {
+            Some((episode, step)) => format!("it ends after episode {episode} step {step}"),
+            None => "it holds no step".to_owned(),
+        };
+        Some(format!("recording {}: {why}; {end}", self.path.display()))
+    }
+
     /// Closes the file: metadata, index, end mark. `lost` holds what was lost before it reached this recording.
     pub fn finish(mut self, lost: &Lost) -> Written {
+        if self.writer.is_some()
+            && let Err(error) = self.write_rest()
+        {
+            self.fail(&error);
+        }
         let mut outcome = Written {
             written: self.taken,
             lost: *lost,
@@ -343,14 +404,25 @@ impl Recording {
         outcome
     }
 
+    fn write_rest(&mut self) -> Result<(), McapError> {
+        if let Some(first) = self.early.first() {
+            let sent_ns = first.header().sent_ns;
+            self.time.begin(sent_ns);
+            let begin_ns = self.time.of(first).unwrap_or_default();
+            self.take_early(begin_ns);
+        }
+        self.release(true)
+    }
+
     /// Cuts the file back to where it is sound and can still be closed.
     fn close_early(&mut self, outcome: &mut Written) {
-        outcome.error.clone_from(&self.error);
-        while let Some((length, written)) = self.sound.pop() {
-            outcome.written = written;
-            outcome.lost.disk = core::array::from_fn(|topic| self.taken[topic] - written[topic]);
+        while let Some(sound) = self.sound.pop() {
+            outcome.error = self.describe(Some(&sound));
+            outcome.written = sound.written;
+            outcome.lost.disk =
+                core::array::from_fn(|topic| self.taken[topic] - sound.written[topic]);
             if self
-                .close_at(length, &metadata(&self.about, outcome))
+                .close_at(sound.length, &metadata(&self.about, outcome))
                 .is_ok()
             {
                 return;
@@ -383,54 +455,4 @@ fn attachments(setup: &Setup) -> io::Result<Vec<Attachment<'static>>> {
         })
     };
     attached.map(read).collect()
-}
-
-/// Chunks are buffered so that each is one write, and compressed on the caller's thread.
-fn options() -> WriteOptions {
-    WriteOptions::new()
-        .profile("ros2")
-        .library(concat!("mirror ", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Zstd))
-        .compression_threads(0)
-        .chunk_size(None)
-        .disable_seeking(true)
-}
-
-/// The records that close a file without an index: what an empty MCAP file with `metadata` has behind its head.
-fn closing(metadata: &Metadata) -> Result<Vec<u8>, McapError> {
-    let bare = || {
-        options()
-            .use_chunks(false)
-            .emit_summary_records(false)
-            .emit_summary_offsets(false)
-            .calculate_data_section_crc(false)
-            .calculate_summary_section_crc(false)
-    };
-    let mut writer = bare().create(Cursor::new(Vec::new()))?;
-    writer.flush()?;
-    let head = writer.into_inner().into_inner().len();
-    let mut writer = bare().create(Cursor::new(Vec::new()))?;
-    writer.write_metadata(metadata)?;
-    writer.finish()?;
-    Ok(writer.into_inner().into_inner().split_off(head))
-}
-
-fn metadata(about: &About, outcome: &Written) -> Metadata {
-    let mut entries = about.entries();
-    entries.insert("complete".to_owned(), outcome.is_complete().to_string());
-    let lost = outcome.lost.by_topic();
-    for (index, topic) in TOPICS.iter().enumerate() {
-        entries.insert(
-            format!("written {}", topic.name),
-            outcome.written[index].to_string(),
-        );
-        entries.insert(format!("lost {}", topic.name), lost[index].to_string());
-    }
-    if let Some(error) = &outcome.error {
-        entries.insert("error".to_owned(), error.clone());
-    }
-    Metadata {
-        name: METADATA.to_owned(),
-        metadata: entries,
-    }
 }

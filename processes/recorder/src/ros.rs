@@ -27,10 +27,28 @@ pub const TF_MESSAGE: Schema = Schema {
     definition: include_str!("definitions/TFMessage.msg"),
 };
 
+/// `rosgraph_msgs/msg/Clock`.
+pub const CLOCK: Schema = Schema {
+    name: "rosgraph_msgs/msg/Clock",
+    definition: include_str!("definitions/Clock.msg"),
+};
+
+/// Writes a `builtin_interfaces/Time`.
+fn write_time(time_ns: u64, cdr: &mut Cdr) {
+    cdr.i32((time_ns / 1_000_000_000) as i32);
+    cdr.u32((time_ns % 1_000_000_000) as u32);
+}
+
+/// Writes a whole `rosgraph_msgs/msg/Clock`.
+pub fn write_clock(time_ns: u64, cdr: &mut Cdr) {
+    cdr.start();
+    write_time(time_ns, cdr);
+}
+
 /// `std_msgs/Header`.
 #[derive(Clone, Copy, Debug)]
 pub struct Stamp {
-    /// Nanoseconds.
+    /// Nanoseconds since 1970, of the drive's time.
     pub time_ns: u64,
     /// Frame that the data stand in.
     pub frame: &'static str,
@@ -38,8 +56,7 @@ pub struct Stamp {
 
 impl Stamp {
     fn write(&self, cdr: &mut Cdr) {
-        cdr.i32((self.time_ns / 1_000_000_000) as i32);
-        cdr.u32((self.time_ns % 1_000_000_000) as u32);
+        write_time(self.time_ns, cdr);
         cdr.string(self.frame);
     }
 }

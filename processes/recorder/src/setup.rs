@@ -1,4 +1,4 @@
-//! What a run was set up from, kept in its recording so that the recording can be replayed from nothing else: every
+//! What a run was and what it was set up from, kept in its recording so that the recording can be replayed from nothing else: every
 //! process's options, the model files with their digests, and what was learned of the person, as an attachment.
 
 use serde::{Deserialize, Serialize};
@@ -55,6 +55,43 @@ impl ModelFile {
             blake3: digest(path)?,
             attached,
         })
+    }
+}
+
+/// What a recording is of; part of the metadata at its head and at its end.
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct About {
+    /// Scene name or file.
+    pub scene: String,
+    /// Kind of human model.
+    pub human: String,
+    /// Kind of planner.
+    pub planner: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Identity of the run, as in every message's header.
+    pub run_id: u64,
+    /// Version of MIRROR.
+    pub version: String,
+    /// Length of a step in nanoseconds; 0 for unknown.
+    pub step_ns: u64,
+    /// What a replay needs; at the head only.
+    pub setup: Setup,
+}
+
+impl About {
+    /// The same as a metadata record's entries.
+    pub fn entries(&self) -> BTreeMap<String, String> {
+        BTreeMap::from([
+            ("scene".to_owned(), self.scene.clone()),
+            ("human".to_owned(), self.human.clone()),
+            ("planner".to_owned(), self.planner.clone()),
+            ("seed".to_owned(), self.seed.to_string()),
+            (RUN_ID.to_owned(), self.run_id.to_string()),
+            ("version".to_owned(), self.version.clone()),
+            ("step_ns".to_owned(), self.step_ns.to_string()),
+        ])
     }
 }
 

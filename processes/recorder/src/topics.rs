@@ -4,7 +4,7 @@
 //! is a pure function of what is recorded (beliefs, actions, seeds).
 
 use messages::{
-    CommAction, Control, Display, DriverAction, Header, HumanBelief, LidarFrame, Message,
+    CommAction, Control, Display, DriverAction, Field, Header, HumanBelief, LidarFrame, Message,
     Observation, Outcome, Picture, Report, RobotBelief, Scene, topic,
 };
 use runtime::{Digest, Input, InputOptions, Node, PortError};
@@ -16,9 +16,13 @@ pub struct Topic {
     pub name: &'static str,
     /// Such as `mirror_msgs/LidarFrame`.
     pub ros_type: &'static str,
-    /// The `ros2msg` text.
+    /// The `ros2msg` text of what is recorded.
     pub definition: fn() -> String,
-    /// Bytes of a message.
+    /// The `ros2msg` text of the message's memory, which versions before this one recorded as it was.
+    pub memory_definition: fn() -> String,
+    /// The message's fields.
+    pub fields: fn() -> &'static [Field],
+    /// Bytes of a message in memory.
     pub size: usize,
 }
 
@@ -46,7 +50,9 @@ macro_rules! topics {
         pub const TOPICS: [Topic; [$(stringify!($variant)),*].len()] = [$(Topic {
             name: $topic,
             ros_type: <$variant as Message>::ROS_TYPE,
-            definition: <$variant as Message>::definition,
+            definition: <$variant as Message>::ros_definition,
+            memory_definition: <$variant as Message>::definition,
+            fields: <$variant as Message>::fields,
             size: size_of::<$variant>(),
         },)*];
 
@@ -72,7 +78,7 @@ macro_rules! topics {
                 None
             }
 
-            /// The message's bytes, which are its CDR body.
+            /// The message's bytes in memory.
             pub fn bytes(&self) -> &[u8] {
                 match self { $(Self::$variant(message) => message.bytes(),)* }
             }
@@ -80,6 +86,11 @@ macro_rules! topics {
             /// The message's header.
             pub fn header(&self) -> &Header {
                 match self { $(Self::$variant(message) => &message.header,)* }
+            }
+
+            /// The same, to be changed.
+            pub fn header_mut(&mut self) -> &mut Header {
+                match self { $(Self::$variant(message) => &mut message.header,)* }
             }
 
             /// Adds the message to a run's digest.

@@ -5,22 +5,21 @@
 
 use crate::cdr::Cdr;
 use crate::picture;
+use crate::qos::Qos;
 use crate::ros::{
-    Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, Pose, Schema, Shape, Stamp, TF_MESSAGE,
-    Transform, write_markers, write_transforms,
+    CLOCK, Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, Pose, Schema, Shape, Stamp,
+    TF_MESSAGE, Transform, write_markers, write_transforms,
 };
 use crate::topics::Recorded;
-use messages::{
-    AZIMUTHS, Display, HEIGHT_BANDS, Header, LidarFrame, Message, ObjectPose, Picture, Scene,
-};
+use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Message, ObjectPose, Picture, Scene};
 
-/// Reach of the LIDAR in metres (DESIGN §4).
+/// Reach of the LIDAR in metres.
 const REACH_M: f32 = 40.0;
 /// How long an utterance stays in the picture, in steps: about 3.5 s of the highway's 0.15 s.
 const UTTERANCE_STEPS: u32 = 23;
 /// Height drawn for every car; messages carry none.
 const CAR_HEIGHT_M: f64 = 1.5;
-/// Height of the LIDAR on the roof (DESIGN §11).
+/// Height of the LIDAR on the roof.
 const LIDAR_HEIGHT_M: f64 = 1.7;
 /// Frames of the height bands and the heights of their middles.
 const BANDS: [(&str, f64); HEIGHT_BANDS] = [
@@ -47,16 +46,19 @@ pub enum Channel {
     Road,
     /// Frames.
     Transforms,
+    /// The drive's time, once a step.
+    Clock,
 }
 
-/// Derived channels: topic and type.
-pub const CHANNELS: [(&str, Schema); HEIGHT_BANDS + 3] = [
-    ("/viz/scan_low", LASER_SCAN),
-    ("/viz/scan_mid", LASER_SCAN),
-    ("/viz/scan_high", LASER_SCAN),
-    ("/viz/markers", MARKER_ARRAY),
-    ("/viz/road", MARKER_ARRAY),
-    ("/tf", TF_MESSAGE),
+/// Derived channels: topic, type, and how its messages reach those who listen.
+pub const CHANNELS: [(&str, Schema, Qos); HEIGHT_BANDS + 4] = [
+    ("/viz/scan_low", LASER_SCAN, Qos::Stream),
+    ("/viz/scan_mid", LASER_SCAN, Qos::Stream),
+    ("/viz/scan_high", LASER_SCAN, Qos::Stream),
+    ("/viz/markers", MARKER_ARRAY, Qos::Stream),
+    ("/viz/road", MARKER_ARRAY, Qos::Latched),
+    ("/tf", TF_MESSAGE, Qos::Stream),
+    ("/clock", CLOCK, Qos::Newest),
 ];
 
 /// A line painted on the road, or its edge.
@@ -98,12 +100,18 @@ impl Default for Visuals {
 }
 
 impl Visuals {
-    /// Takes in `message` and hands every message derived from it to `emit` as channel and encapsulated body.
-    pub fn derive(&mut self, message: &Recorded, emit: &mut impl FnMut(usize, &[u8])) {
+    /// Takes in `message`, which happened at `time_ns`, and hands every message derived from it to `emit` as channel and
+    /// encapsulated body.
+    pub fn derive(
+        &mut self,
+        message: &Recorded,
+        time_ns: u64,
+        emit: &mut impl FnMut(usize, &[u8]),
+    ) {
         match message {
             Recorded::LidarFrame(frame) => {
                 self.lidar = *frame;
-                self.scans(emit);
+                self.scans(time_ns, emit);
             }
             Recorded::Scene(scene) => {
                 if scene.header.episode != self.scene.header.episode {
@@ -111,8 +119,8 @@ impl Visuals {
                     self.display = Display::ZERO;
                 }
                 self.scene = *scene;
-                self.transforms(emit);
-                self.markers(emit);
+                self.transforms(time_ns, emit);
+                self.markers(time_ns, emit);
             }
             Recorded::Picture(picture) => {
                 match &mut self.picture {
@@ -120,11 +128,11 @@ impl Visuals {
                     kept => *kept = Some(Box::new(*picture)),
                 }
                 self.display = Display::ZERO;
-                self.markers(emit);
+                self.markers(time_ns, emit);
             }
             Recorded::Outcome(outcome) if outcome.collided != 0 => {
                 self.touched = Some(outcome.other);
-                self.markers(emit);
+                self.markers(time_ns, emit);
             }
             Recorded::Display(display) => {
                 if display.utterance_count > 0 {
@@ -132,7 +140,7 @@ impl Visuals {
                     self.utterance = Some((text, display.header.step));
                 }
                 self.display = *display;
-                self.markers(emit);
+                self.markers(time_ns, emit);
             }
             _ => {}
         }
@@ -151,7 +159,7 @@ impl Visuals {
         write_markers(&markers, cdr);
     }
 
-    fn scans(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
+    fn scans(&mut self, time_ns: u64, emit: &mut impl FnMut(usize, &[u8])) {
         for (band, (frame, _)) in BANDS.into_iter().enumerate() {
             let normalised = &self.lidar.range[band * AZIMUTHS..][..AZIMUTHS];
             let mut ranges_m = [f32::INFINITY; AZIMUTHS];
@@ -163,10 +171,7 @@ impl Visuals {
                 }
             }
             LaserScan {
-                stamp: Stamp {
-                    time_ns: sensed_ns(&self.lidar.header),
-                    frame,
-                },
+                stamp: Stamp { time_ns, frame },
                 increment_rad: core::f32::consts::TAU / AZIMUTHS as f32,
                 range_max_m: REACH_M,
                 ranges_m: &ranges_m,
@@ -177,8 +182,7 @@ impl Visuals {
         }
     }
 
-    fn transforms(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
-        let time_ns = sensed_ns(&self.scene.header);
+    fn transforms(&mut self, time_ns: u64, emit: &mut impl FnMut(usize, &[u8])) {
         let link = |frame, child, position, heading_rad| Transform {
             stamp: Stamp { time_ns, frame },
             child,
@@ -208,28 +212,22 @@ impl Visuals {
         emit(Channel::Transforms as usize, self.cdr.bytes());
     }
 
-    fn markers(&mut self, emit: &mut impl FnMut(usize, &[u8])) {
+    fn markers(&mut self, time_ns: u64, emit: &mut impl FnMut(usize, &[u8])) {
+        let stamp = Stamp {
+            time_ns,
+            frame: "map",
+        };
         let markers = match &self.picture {
-            None => self.marker_list(),
-            Some(picture) => {
-                let stamp = Stamp {
-                    time_ns: sensed_ns(&picture.header),
-                    frame: "map",
-                };
-                picture::draw(picture, &self.display, stamp)
-            }
+            None => self.marker_list(stamp),
+            Some(picture) => picture::draw(picture, &self.display, stamp),
         };
         write_markers(&markers, &mut self.cdr);
         emit(Channel::Markers as usize, self.cdr.bytes());
     }
 
     /// Everything that moves, after a marker that clears what was drawn before.
-    fn marker_list(&self) -> Vec<Marker> {
+    fn marker_list(&self, stamp: Stamp) -> Vec<Marker> {
         let scene = &self.scene;
-        let stamp = Stamp {
-            time_ns: sensed_ns(&scene.header),
-            frame: "map",
-        };
         let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
         markers.push(car(stamp, "ego", &scene.ego, EGO));
         let count = (scene.count as usize).min(scene.objects.len());
@@ -259,15 +257,6 @@ impl Visuals {
         } else {
             UNSEEN
         }
-    }
-}
-
-/// When the world sensed what a message shows; when it was sent, where it does not say.
-fn sensed_ns(header: &Header) -> u64 {
-    if header.cause_ns == 0 {
-        header.sent_ns
-    } else {
-        header.cause_ns
     }
 }
 
@@ -321,6 +310,11 @@ pub fn text(padded: &[u8]) -> String {
 mod tests {
     use super::*;
 
+    const STAMP: Stamp = Stamp {
+        time_ns: 7,
+        frame: "map",
+    };
+
     /// Two cars, of which the LIDAR sees number 5, at step `step`.
     fn drive(visuals: &mut Visuals, step: u32) {
         let mut lidar = LidarFrame::ZERO;
@@ -331,12 +325,12 @@ mod tests {
         (scene.ego.id, scene.ego.x_m, scene.ego.y_m) = (-1, 10.0, -2.0);
         (scene.objects[0].id, scene.objects[1].id, scene.count) = (5, 6, 2);
         scene.objects[1].length_m = 4.5;
-        visuals.derive(&(&lidar).into(), &mut |_, _| {});
-        visuals.derive(&(&scene).into(), &mut |_, _| {});
+        visuals.derive(&(&lidar).into(), 7, &mut |_, _| {});
+        visuals.derive(&(&scene).into(), 7, &mut |_, _| {});
     }
 
     fn colours(visuals: &Visuals) -> Vec<(i32, Colour)> {
-        let markers = visuals.marker_list();
+        let markers = visuals.marker_list(STAMP);
         let cubes = markers.iter().filter(|marker| marker.shape == Shape::Cube);
         cubes.map(|marker| (marker.id, marker.colour)).collect()
     }
@@ -348,16 +342,16 @@ mod tests {
         assert_eq!(colours(&visuals), [(-1, EGO), (5, SEEN), (6, UNSEEN)]);
         let mut display = Display::ZERO;
         (display.objects[0], display.object_count) = (5, 1);
-        visuals.derive(&(&display).into(), &mut |_, _| {});
+        visuals.derive(&(&display).into(), 7, &mut |_, _| {});
         assert_eq!(
             colours(&visuals),
             [(-1, EGO), (5, HIGHLIGHTED), (6, UNSEEN)]
         );
         let mut outcome = messages::Outcome::ZERO;
         (outcome.collided, outcome.other) = (1, 6);
-        visuals.derive(&(&outcome).into(), &mut |_, _| {});
+        visuals.derive(&(&outcome).into(), 7, &mut |_, _| {});
         assert_eq!(colours(&visuals)[2], (6, TOUCHED));
-        let markers = visuals.marker_list();
+        let markers = visuals.marker_list(STAMP);
         assert_eq!(markers[0].shape, Shape::DeleteAll);
         assert_eq!(markers[1].pose.position, [10.0, -2.0, 0.75]);
         assert_eq!(markers[3].scale[0], 4.5);
@@ -371,9 +365,9 @@ mod tests {
         display.header.step = 10;
         display.utterance_count = 1;
         display.utterances[0].text[..4].copy_from_slice(b"Fast");
-        visuals.derive(&(&display).into(), &mut |_, _| {});
+        visuals.derive(&(&display).into(), 7, &mut |_, _| {});
         let said = |visuals: &Visuals| {
-            let markers = visuals.marker_list();
+            let markers = visuals.marker_list(STAMP);
             let text = markers.iter().find(|marker| marker.shape == Shape::Text);
             text.map(|marker| marker.text.clone())
         };
@@ -393,7 +387,7 @@ mod tests {
             (&Scene::ZERO).into(),
             (&Display::ZERO).into(),
         ] {
-            visuals.derive(&message, &mut |channel, body| {
+            visuals.derive(&message, 7, &mut |channel, body| {
                 channels.push((channel, body.len()))
             });
         }

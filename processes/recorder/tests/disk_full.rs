@@ -4,8 +4,10 @@
 mod common;
 
 use common::{about, step_messages};
+use recorder::read::read;
 use recorder::recording::{METADATA, Recording};
-use recorder::topics::TOPICS;
+use recorder::topics::{Recorded, TOPICS};
+use std::path::Path;
 
 const LIMIT: u64 = 300_000;
 const STEPS: u32 = 1200;
@@ -36,6 +38,7 @@ fn a_full_disk_ends_the_recording_but_not_the_run() {
     }
     let error = recording.error().expect("the limit was reached").to_owned();
     assert!(error.contains("drive.mcap"), "{error}");
+    assert!(error.contains("may not grow any further"), "{error}");
     let outcome = recording.finish(&Default::default());
 
     assert!(!outcome.is_complete());
@@ -49,11 +52,15 @@ fn a_full_disk_ends_the_recording_but_not_the_run() {
     }
     let bytes = std::fs::read(&path).expect("the recording");
     assert!(bytes.len() as u64 <= LIMIT);
-    let kept = read_to_end(&bytes);
+    assert_is_sound_to_the_end(&bytes);
+    let kept = kept(&path);
     assert_eq!(kept.len() as u64, outcome.written.iter().sum::<u64>());
-    for (read, sent) in kept.iter().zip(&sent) {
-        assert_eq!(&read[4..], sent.bytes());
-    }
+    assert_eq!(kept[..], sent[..kept.len()]);
+    // Where the recording ends is said, and is where it ends.
+    let steps = kept.iter().map(|message| message.header().step);
+    let last = steps.max().expect("a step");
+    let end = format!("it ends after episode 0 step {last}");
+    assert!(error.ends_with(&end), "{error}: not {end}");
     let metadata = metadata(&bytes);
     assert_eq!(metadata["complete"], "false");
     assert_eq!(
@@ -62,16 +69,18 @@ fn a_full_disk_ends_the_recording_but_not_the_run() {
     );
 }
 
-/// Our own topics' bodies. The reader fails where the file does not end as a file of its format must.
-fn read_to_end(bytes: &[u8]) -> Vec<Vec<u8>> {
-    let stream = mcap::MessageStream::new(bytes).expect("a sound head");
-    let messages = stream.map(|message| message.expect("sound to the end"));
-    let ours = messages.filter(|message| {
-        TOPICS
-            .iter()
-            .any(|topic| message.channel.topic[1..] == *topic.name)
-    });
-    ours.map(|message| message.data.into_owned()).collect()
+/// Our own topics' messages.
+fn kept(path: &Path) -> Vec<Recorded> {
+    let mut kept = Vec::new();
+    read(path, |message| kept.push(*message)).expect("sound");
+    kept
+}
+
+/// The reader fails where the file does not end as a file of its format must.
+fn assert_is_sound_to_the_end(bytes: &[u8]) {
+    for message in mcap::MessageStream::new(bytes).expect("a sound head") {
+        message.expect("sound to the end");
+    }
 }
 
 fn metadata(bytes: &[u8]) -> std::collections::BTreeMap<String, String> {

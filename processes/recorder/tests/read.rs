@@ -106,25 +106,151 @@ fn a_cut_file_is_read_up_to_the_cut() {
     );
 }
 
+/// Where the chunks with messages are: beginning and length.
+fn chunks(bytes: &[u8]) -> Vec<(usize, usize)> {
+    let summary = mcap::Summary::read(bytes)
+        .expect("sound")
+        .expect("an index");
+    let chunks = summary
+        .chunk_indexes
+        .iter()
+        .filter(|chunk| chunk.message_end_time > 0);
+    chunks
+        .map(|chunk| {
+            (
+                chunk.chunk_start_offset as usize,
+                chunk.chunk_length as usize,
+            )
+        })
+        .collect()
+}
+
+/// Whether `read` is `sent` without one stretch; where that stretch is.
+fn stretch(read: &[Recorded], sent: &[Recorded]) -> Option<core::ops::Range<usize>> {
+    let before = read.iter().zip(sent).take_while(|(a, b)| a == b).count();
+    let missing = sent.len().checked_sub(read.len())?;
+    let is_rest = read[before..] == sent[before + missing..];
+    is_rest.then_some(before..before + missing)
+}
+
 #[test]
-fn a_damaged_chunk_ends_the_reading_and_is_placed() {
+fn a_damaged_chunk_is_passed_over_and_the_reading_goes_on_behind_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("drive.mcap");
+    let sent = write(&path, &about());
+    let sound = std::fs::read(&path).expect("the recording");
+    let chunks = chunks(&sound);
+    assert!(chunks.len() > 4);
+    let (start, length) = chunks[2];
+    let middle = start + length / 2;
+    // A changed byte; many; a length that leads into another chunk, or past the file's end; no chunk at all.
+    let damages: [(usize, &[u8]); 6] = [
+        (middle, &[sound[middle] ^ 0x55]),
+        (middle, &[7; 300]),
+        (start + 3, &[1]),
+        (start + 6, &[1]),
+        (start, &[0x3f]),
+        (start, &[0; 64]),
+    ];
+    for (place, bytes) in damages {
+        let mut damaged = sound.clone();
+        damaged[place..][..bytes.len()].copy_from_slice(bytes);
+        std::fs::write(&path, &damaged).expect("ours");
+        let (found, messages) = read_all(&path).expect("what is around is sound");
+        let missing = stretch(&messages, &sent).expect("a stretch is missing and nothing else");
+        assert!(missing.start > 0 && missing.end < sent.len() && !missing.is_empty());
+        assert!(
+            missing.len() < sent.len() / 3,
+            "more than a chunk: {missing:?}"
+        );
+        assert_eq!(found.ending, Ending::Closed);
+        assert_eq!(found.gone(), missing.len() as u64);
+        assert!(!found.is_complete());
+        let damage = &found.damage[0];
+        let at = start as u64..=(start + length) as u64;
+        assert!(
+            at.contains(&damage.byte) && !damage.why.is_empty(),
+            "{damage}"
+        );
+        assert_eq!(run_of(&path), Some(about().run_id));
+    }
+}
+
+#[test]
+fn channels_that_were_damaged_are_found_at_the_files_end() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("drive.mcap");
     let sent = write(&path, &about());
     let mut bytes = std::fs::read(&path).expect("the recording");
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 0x55;
-    std::fs::write(&path, &bytes).expect("ours");
-    let (found, messages) = read_all(&path).expect("what comes before is sound");
-    assert_eq!(messages, sent[..messages.len()]);
-    assert!(!messages.is_empty() && messages.len() < sent.len());
-    let Ending::Cut { byte, why } = found.ending else {
-        panic!("damaged and called closed");
-    };
-    assert!(
-        byte <= middle as u64 && why.contains("damaged"),
-        "{byte}: {why}"
+    let summary = mcap::Summary::read(&bytes)
+        .expect("sound")
+        .expect("an index");
+    let first = &summary.chunk_indexes[0];
+    assert_eq!(
+        first.message_end_time, 0,
+        "the first chunk has channels only"
     );
+    bytes[(first.chunk_start_offset + first.chunk_length / 2) as usize] ^= 0x10;
+    std::fs::write(&path, &bytes).expect("ours");
+    let (found, messages) = read_all(&path).expect("sound but for its channels");
+    assert_eq!(messages, sent);
+    assert!(!found.is_complete() && found.damage.len() == 1);
+}
+
+/// Wherever a byte is changed: what is read is what was sent, without a stretch of it; and where anything is missing or may
+/// be wrong, the file is not called complete.
+#[test]
+fn a_changed_byte_is_never_taken_for_the_truth() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("drive.mcap");
+    let sent = write(&path, &about());
+    let sound = std::fs::read(&path).expect("the recording");
+    let (complete, _) = read_all(&path).expect("sound");
+    assert!(complete.is_complete());
+    let last = *chunks(&sound).last().expect("chunks");
+    let head = 0..3000;
+    let places = head.chain((3000..last.0 + last.1).step_by(431));
+    for place in places.step_by(7) {
+        let mut damaged = sound.clone();
+        damaged[place] ^= 0x41;
+        std::fs::write(&path, &damaged).expect("ours");
+        // What is refused says so in words: see the tests of errors.
+        if let Ok((found, messages)) = read_all(&path) {
+            assert!(stretch(&messages, &sent).is_some(), "byte {place}");
+            assert!(!found.is_complete(), "byte {place}");
+        }
+    }
+}
+
+/// As the version before this one wrote it: text is bytes.
+#[test]
+fn an_older_recording_is_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("old.mcap");
+    let sent: Vec<_> = (0..3).flat_map(step_messages).collect();
+    let mut writer =
+        mcap::Writer::new(std::fs::File::create(&path).expect("ours")).expect("a head");
+    let channels = TOPICS.map(|topic| {
+        let definition = (topic.memory_definition)();
+        assert!(!definition.contains("string "));
+        let name = topic.ros_type.replacen('/', "/msg/", 1);
+        let schema = writer.add_schema(&name, "ros2msg", definition.as_bytes());
+        let topic = format!("/{}", topic.name);
+        writer.add_channel(schema.expect("a schema"), &topic, "cdr", &BTreeMap::new())
+    });
+    for message in &sent {
+        let header = mcap::records::MessageHeader {
+            channel_id: *channels[message.topic()].as_ref().expect("a channel"),
+            sequence: 0,
+            log_time: message.header().sent_ns,
+            publish_time: 0,
+        };
+        let body = [&[0, 1, 0, 0], message.bytes()].concat();
+        writer.write_to_known_channel(&header, &body).expect("ours");
+    }
+    writer.finish().expect("ours");
+    let (_, messages) = read_all(&path).expect("an older version");
+    assert_eq!(messages, sent);
 }
 
 #[test]

@@ -99,6 +99,13 @@ def compare(decoded, sent):
                 assert math.isinf(got) if normalised >= 1.0 else abs(got - 40.0 * normalised) < 1e-4
     (_, road), = decoded["/viz/road"]
     assert [len(marker.points) for marker in road.markers] == [10, 10, 10]
+    ticks = [message.log_time for message, _ in decoded["/clock"]]
+    assert ticks == sorted({message.log_time for message, _ in decoded["/world/lidar"]})
+    for message, value in decoded["/clock"]:
+        assert value.clock.sec * 10**9 + value.clock.nanosec == message.log_time
+    for message, value in decoded["/viz/scan_low"]:
+        stamp = value.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == message.log_time
     total = sum(map(len, expected.values()))
     print(f"{total} messages of {len(expected)} topics equal what was sent")
 

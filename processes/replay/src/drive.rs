@@ -8,7 +8,7 @@ use recorder::parts::{parts_of, read_parts};
 use recorder::read::{Ending, Found, ReadError, run_of};
 use recorder::topics::{PerTopic, Recorded, TOPICS};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Topics that a recording must have for a replay.
@@ -25,6 +25,9 @@ const SENSED: [&str; 2] = [topic::LIDAR, topic::OBSERVATION];
 
 /// Topics of the processes that a replay asks again.
 const ASKED: [&str; 3] = [topic::ROBOT_BELIEF, topic::HUMAN_BELIEF, topic::COMM_ACTION];
+
+/// Most episodes in a row that are listed as missing.
+const MOST_ABSENT: usize = 1000;
 
 /// Why a drive cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -123,6 +126,11 @@ impl Step {
         self.seen.is_some() && self.display.is_some()
     }
 
+    /// Whether anything was sensed, shown or done: a decision comes before its step does.
+    fn has_begun(&self) -> bool {
+        self.seen.is_some() || self.display.is_some() || self.action.is_some()
+    }
+
     fn is_empty(&self) -> bool {
         self.seen.is_none()
             && self.outcome.is_none()
@@ -154,8 +162,37 @@ pub struct Part {
     pub messages: u64,
     /// Where and why it breaks off, if it does.
     pub cut: Option<String>,
+    /// What in it is damaged and was passed over: where and why.
+    pub damage: Vec<String>,
+    /// Messages that it says it has, and that are not in it any more.
+    pub gone: u64,
+    /// Whether it has all that was sent, as far as it can tell.
+    pub complete: bool,
     /// Messages lost before they reached it, as it says itself; a part that was cut cannot say.
     pub counted_lost: Option<u64>,
+}
+
+/// Steps that a recording should have and has not, or not with all that a replay needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct MissingSteps {
+    /// The episode.
+    pub episode: u32,
+    /// The first.
+    pub from: u32,
+    /// The last; none for the episode's last, whichever that was.
+    pub to: Option<u32>,
+}
+
+impl core::fmt::Display for MissingSteps {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { episode, from, to } = self;
+        match to {
+            None if *from == 0 => write!(f, "all of episode {episode}"),
+            None => write!(f, "episode {episode} from step {from} on"),
+            Some(to) if to == from => write!(f, "episode {episode} step {from}"),
+            Some(to) => write!(f, "episode {episode} steps {from} to {to}"),
+        }
+    }
 }
 
 /// A recorded drive.
@@ -194,11 +231,64 @@ impl Drive {
                     Ending::Closed => None,
                     cut => Some(cut.to_string()),
                 },
+                damage: found.damage.iter().map(ToString::to_string).collect(),
+                gone: found.gone(),
+                complete: found.is_complete(),
                 counted_lost: found.counted_lost(),
             });
         }
         reading.drive.found = found.into_iter().next().unwrap_or_default();
         reading.finish(path)
+    }
+}
+
+impl Drive {
+    /// Whether the recording has all that was sent, as far as it can tell. Of another, a replay shows nothing about the drive
+    /// as a whole.
+    pub fn is_complete(&self) -> bool {
+        self.gaps.is_empty() && self.parts.iter().all(|part| part.complete)
+    }
+
+    /// Which steps are missing in an incomplete recording, in order. Messages may be missing in others.
+    pub fn missing_steps(&self) -> Vec<MissingSteps> {
+        let mut missing = Vec::new();
+        let episodes: BTreeSet<u32> = self.steps.keys().map(|(episode, _)| *episode).collect();
+        let last = episodes.last().copied();
+        let mut all = |episode, from, to| missing.push(MissingSteps { episode, from, to });
+        let mut expected = 0;
+        for &episode in &episodes {
+            // Of a run that went mad there may be billions.
+            for absent in (expected..episode).take(MOST_ABSENT) {
+                all(absent, 0, None);
+            }
+            expected = episode.saturating_add(1);
+            let steps = || self.steps.range((episode, 0)..=(episode, u32::MAX));
+            let ended = steps().find(|(_, step)| step.outcome.is_some_and(|o| o.end != 0));
+            let begun = steps().rev().find(|(_, step)| step.has_begun());
+            let next = begun.map_or(0, |((_, step), _)| step.saturating_add(1));
+            let end = ended.map_or(next, |((_, step), _)| *step);
+            let mut from = 0;
+            for ((_, step), _) in steps().filter(|(_, step)| step.is_whole()) {
+                if from < *step {
+                    all(episode, from, Some(step - 1));
+                }
+                from = step.saturating_add(1);
+            }
+            let is_cut = ended.is_none() && (Some(episode) != last || self.is_cut_at_the_end());
+            match (from < end, is_cut) {
+                (_, true) => all(episode, from, None),
+                (true, false) => all(episode, from, Some(end - 1)),
+                (false, false) => {}
+            }
+        }
+        missing
+    }
+
+    /// Whether the last of the run may be missing.
+    fn is_cut_at_the_end(&self) -> bool {
+        self.parts
+            .last()
+            .is_some_and(|part| part.cut.is_some() || !part.damage.is_empty() || part.gone > 0)
     }
 }
 

@@ -12,7 +12,7 @@
 mod drive;
 mod row;
 
-pub use drive::{Digest, Drive, DriveError, HumanSaid, Part, Seen, Step, digest_of};
+pub use drive::{Digest, Drive, DriveError, HumanSaid, MissingSteps, Part, Seen, Step, digest_of};
 pub use row::{Decision, Row, load as load_rows};
 
 use anyhow::{Context, Result, bail};

@@ -75,6 +75,52 @@ fn parts_are_one_drive_and_what_both_have_counts_once() {
 }
 
 #[test]
+fn missing_steps_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("drive.mcap");
+    let missing = |messages: &[Recorded]| {
+        write(&path, RUN, messages);
+        let drive = Drive::read(&path).expect("sound");
+        let missing = drive.missing_steps();
+        let words: Vec<String> = missing.iter().map(ToString::to_string).collect();
+        (drive.is_complete(), words)
+    };
+    assert_eq!(missing(&steps(0, 10)), (true, vec![]));
+    let mut messages = steps(0, 10);
+    messages.retain(|message| !(4..6).contains(&message.header().step));
+    let expected = vec!["episode 0 steps 4 to 5".to_owned()];
+    assert_eq!(missing(&messages), (false, expected));
+    // Of three episodes the second, the end of the first and the beginning of the last.
+    let mut messages = Vec::new();
+    for (episode, range) in [(0, steps(0, 8)), (2, steps(2, 6))] {
+        messages.extend(range.into_iter().map(|mut message| {
+            let header = message.header_mut();
+            header.episode = episode;
+            header.sequence += u64::from(episode) * 20;
+            header.sent_ns += u64::from(episode) * 20_000;
+            message
+        }));
+    }
+    let (complete, words) = missing(&messages);
+    assert!(!complete);
+    let expected = [
+        "episode 0 from step 8 on",
+        "all of episode 1",
+        "episode 2 steps 0 to 1",
+    ];
+    assert_eq!(words, expected);
+    // An episode that ends is not expected to go on.
+    for message in &mut messages {
+        if let Recorded::Outcome(outcome) = message
+            && (outcome.header.episode, outcome.header.step) == (0, 7)
+        {
+            outcome.end = 1;
+        }
+    }
+    assert_eq!(missing(&messages).1, expected[1..]);
+}
+
+#[test]
 fn a_sender_that_took_over_is_noticed_where_a_replay_asks_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("drive.mcap");

@@ -9,6 +9,8 @@ pub struct Description {
     pub type_name: &'static str,
     /// See [`Message::ROS_TYPE`].
     pub ros_type: &'static str,
+    /// See [`Message::DOC`].
+    pub doc: &'static str,
     /// See [`Message::fields`].
     pub fields: &'static [Field],
     /// See [`Message::layout`].
@@ -30,6 +32,7 @@ fn description<M: Message>() -> Description {
     Description {
         type_name: M::TYPE_NAME,
         ros_type: M::ROS_TYPE,
+        doc: M::DOC,
         fields: M::fields(),
         layout: M::layout(),
         size: size_of::<M>(),

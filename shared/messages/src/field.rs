@@ -17,6 +17,10 @@ pub struct Field {
     pub size: usize,
     /// The alignment that CDR asks of the field's first byte.
     pub align: usize,
+    /// Whether the field's bytes are zero-padded UTF-8: in a recording, a ROS 2 `string`.
+    pub is_text: bool,
+    /// The field's documentation, a line of it a line.
+    pub doc: &'static str,
 }
 
 /// A type that may stand in a message.
@@ -59,29 +63,45 @@ impl<T: FieldType, const N: usize> FieldType for [T; N] {
     const ZERO: Self = [T::ZERO; N];
 }
 
+/// What a text field is called in a definition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Text {
+    /// The bytes that it has in memory.
+    Bytes,
+    /// A `string`.
+    String,
+}
+
 /// A nested structure's ROS 2 type, and its fields.
 type Nested = (&'static str, fn() -> &'static [Field]);
 
 /// Writes the ROS 2 definition of `fields`, and after it those of the structures nested in them.
-pub(crate) fn write_definition(fields: &[Field], out: &mut String) {
+pub(crate) fn write_definition(fields: &[Field], text: Text, out: &mut String) {
     let mut nested: Vec<Nested> = Vec::new();
-    write_fields(fields, out, &mut nested);
+    write_fields(fields, text, out, &mut nested);
     let mut next = 0;
     while next < nested.len() {
         let (name, inner) = nested[next];
         out.push_str(&"=".repeat(80));
         out.push_str(&format!("\nMSG: {name}\n"));
-        write_fields(inner(), out, &mut nested);
+        write_fields(inner(), text, out, &mut nested);
         next += 1;
     }
 }
 
-fn write_fields(fields: &[Field], out: &mut String, nested: &mut Vec<Nested>) {
+/// A field's line in a definition.
+pub(crate) fn line(field: &Field, text: Text) -> String {
+    let Field { element, name, .. } = field;
+    match field.count {
+        _ if field.is_text && text == Text::String => format!("string {name}\n"),
+        Some(count) => format!("{element}[{count}] {name}\n"),
+        None => format!("{element} {name}\n"),
+    }
+}
+
+fn write_fields(fields: &[Field], text: Text, out: &mut String, nested: &mut Vec<Nested>) {
     for field in fields {
-        match field.count {
-            Some(count) => out.push_str(&format!("{}[{count}] {}\n", field.element, field.name)),
-            None => out.push_str(&format!("{} {}\n", field.element, field.name)),
-        }
+        out.push_str(&line(field, text));
         if let Some(inner) = field.nested
             && !nested.iter().any(|(name, _)| *name == field.element)
         {

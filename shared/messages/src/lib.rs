@@ -2,8 +2,9 @@
 //!
 //! Every message is `#[repr(C)]`, made of plain numbers and fixed arrays, without padding and with
 //! every field at its natural alignment (asserted at compile time). Its bytes in shared memory are
-//! therefore also its CDR body, so a recorder can write them as they are with the ROS 2 definition
-//! that [`Message::definition`] derives from the same declaration; the two cannot drift.
+//! therefore also its CDR body under the ROS 2 definition that [`Message::definition`] derives from
+//! the same declaration; the two cannot drift. Text alone is a `string` to the rest of the world
+//! ([`Message::ros_definition`], [`ros_package`]): a recorder writes it so.
 
 mod catalogue;
 mod field;
@@ -11,6 +12,7 @@ mod gridworld;
 mod highway;
 mod message;
 mod python;
+mod ros_package;
 mod sensed;
 mod step;
 
@@ -21,5 +23,6 @@ pub use highway::*;
 pub(crate) use message::layout_text;
 pub use message::{Header, Message, layout_hash};
 pub use python::python_module;
+pub use ros_package::ros_package;
 pub use sensed::Sensed;
 pub use step::*;

@@ -1,6 +1,6 @@
 //! What all messages have in common: the header, the trait, and the macro that declares them.
 
-use crate::field::{Field, write_definition};
+use crate::field::{Field, Text, write_definition};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// A message that may cross a process border by shared memory.
@@ -9,6 +9,8 @@ pub trait Message: ZeroCopySend + Copy + core::fmt::Debug + Send + Sync + 'stati
     const TYPE_NAME: &'static str;
     /// The ROS 2 type, such as `mirror_msgs/LidarFrame`.
     const ROS_TYPE: &'static str;
+    /// What it is, as its documentation says.
+    const DOC: &'static str = "";
     /// All zeros.
     const ZERO: Self;
 
@@ -21,7 +23,7 @@ pub trait Message: ZeroCopySend + Copy + core::fmt::Debug + Send + Sync + 'stati
     /// The header, to be stamped by the port that sends the message.
     fn header_mut(&mut self) -> Option<&mut Header>;
 
-    /// The message as it lies in memory, which is also its CDR body.
+    /// The message as it lies in memory, which is also its CDR body under [`Self::definition`].
     fn bytes(&self) -> &[u8] {
         // SAFETY: messages are `repr(C)` and have no padding (asserted by `message!`), so all bytes are initialised.
         unsafe {
@@ -29,10 +31,18 @@ pub trait Message: ZeroCopySend + Copy + core::fmt::Debug + Send + Sync + 'stati
         }
     }
 
-    /// The ROS 2 definition (`ros2msg`) of the message and everything nested in it.
+    /// The ROS 2 definition (`ros2msg`) of the message's memory and everything nested in it: text is bytes.
     fn definition() -> String {
         let mut out = String::new();
-        write_definition(Self::fields(), &mut out);
+        write_definition(Self::fields(), Text::Bytes, &mut out);
+        out
+    }
+
+    /// The ROS 2 definition (`ros2msg`) of the message as a recording has it, for people and their tools: text is a
+    /// `string`.
+    fn ros_definition() -> String {
+        let mut out = String::new();
+        write_definition(Self::fields(), Text::String, &mut out);
         out
     }
 
@@ -63,16 +73,17 @@ pub fn layout_hash(description: &str) -> u64 {
 }
 
 /// Declares a message: the `repr(C)` structure, its [`Message`] and [`FieldType`](crate::FieldType) implementations,
-/// and the compile-time assertions that it has no padding and that every field is aligned as CDR wants it.
+/// and the compile-time assertions that it has no padding and that every field is aligned as CDR wants it. A field declared
+/// `as text` holds zero-padded UTF-8.
 macro_rules! message {
-    ($(#[$doc:meta])* pub struct $name:ident, $version:literal {
-        $($(#[$field_doc:meta])* pub $field:ident: $type:ty,)*
+    ($(#[doc = $doc:literal])* pub struct $name:ident, $version:literal {
+        $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty $(as $text:ident)?,)*
     } header: $header:tt) => {
-        $(#[$doc])*
+        $(#[doc = $doc])*
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[repr(C)]
         pub struct $name {
-            $($(#[$field_doc])* pub $field: $type,)*
+            $($(#[doc = $field_doc])* pub $field: $type,)*
         }
 
         // SAFETY: `repr(C)`, plain numbers and arrays only (every field is a `FieldType`), no pointers; the name
@@ -86,6 +97,7 @@ macro_rules! message {
         impl $crate::Message for $name {
             const TYPE_NAME: &'static str = concat!("mirror/", stringify!($name), "/", $version);
             const ROS_TYPE: &'static str = concat!("mirror_msgs/", stringify!($name));
+            const DOC: &'static str = concat!($($doc, "\n"),*);
             const ZERO: Self = Self { $($field: <$type as $crate::FieldType>::ZERO,)* };
 
             fn fields() -> &'static [$crate::Field] {
@@ -97,6 +109,8 @@ macro_rules! message {
                     nested: <$type as $crate::FieldType>::NESTED,
                     size: size_of::<$type>(),
                     align: align_of::<$type>(),
+                    is_text: message!(@text $($text)?),
+                    doc: concat!($($field_doc, "\n"),*),
                 },)*];
                 FIELDS
             }
@@ -121,6 +135,8 @@ macro_rules! message {
             concat!(stringify!($name), " has padding"),
         );
     };
+    (@text) => { false };
+    (@text text) => { true };
     (@header yes) => {
         fn header(&self) -> Option<&$crate::Header> { Some(&self.header) }
         fn header_mut(&mut self) -> Option<&mut $crate::Header> { Some(&mut self.header) }

@@ -148,8 +148,8 @@ message! {
         pub action_deviation: [f32; ACTIONS],
         /// Probability of each discrete action.
         pub probability: [f32; CHOICES],
-        /// Which model speaks, as zero-padded text.
-        pub kind: [u8; 16],
+        /// Which model speaks; in memory, zero-padded UTF-8.
+        pub kind: [u8; 16] as text,
         /// How much of `mean` is used; for recurrent models, of their hidden state.
         pub latent: u32,
         /// Log-likelihood, under the prediction made at k−1, of the action that the person then took.
@@ -188,8 +188,8 @@ message! {
 message! {
     /// Something spoken.
     pub struct Utterance, "2" {
-        /// What is said, as zero-padded UTF-8.
-        pub text: [u8; 64],
+        /// What is said; in memory, zero-padded UTF-8.
+        pub text: [u8; 64] as text,
         /// The verbal item: on the highway, the sector it is about.
         pub item: u32,
         /// 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds).
@@ -312,8 +312,8 @@ message! {
 message! {
     /// What one input of a process counted.
     pub struct PortCount, "1" {
-        /// The topic, zero-padded.
-        pub topic: [u8; 24],
+        /// The topic; in memory, zero-padded UTF-8.
+        pub topic: [u8; 24] as text,
         /// Messages received.
         pub received: u64,
         /// Messages lost: gaps in their senders' sequence numbers.
@@ -326,10 +326,10 @@ message! {
     pub struct Report, "1" {
         /// Header.
         pub header: Header,
-        /// Process name, zero-padded.
-        pub process: [u8; 16],
-        /// A message for people, zero-padded UTF-8.
-        pub text: [u8; 256],
+        /// Process name; in memory, zero-padded UTF-8.
+        pub process: [u8; 16] as text,
+        /// A message for people; in memory, zero-padded UTF-8.
+        pub text: [u8; 256] as text,
         /// The process's inputs in the order in which it made them.
         pub ports: [PortCount; 16],
         /// Compute time per step: p50, p90, p99, p99.9, max, in nanoseconds.

@@ -6,8 +6,12 @@ use messages::{
     Observation, Outcome, Picture, Report, RobotBelief, Scene,
 };
 use recorder::recording::About;
+use recorder::text::string_of;
 use recorder::topics::Recorded;
 use serde_json::{Map, Value, json};
+
+/// Length of a step in test recordings.
+pub const STEP_NS: u64 = 150_000_000;
 
 /// The run that test recordings claim to be of.
 pub fn about() -> About {
@@ -18,6 +22,7 @@ pub fn about() -> About {
         seed: 7,
         run_id: 42,
         version: "0.1.0".to_owned(),
+        step_ns: STEP_NS,
         ..About::default()
     }
 }
@@ -50,8 +55,8 @@ pub fn known<M: Message>(step: u32, salt: u64) -> M {
     if let Some(header) = message.header_mut() {
         header.run_id = 42;
         header.sequence = u64::from(step);
-        header.sent_ns = 5_000_000_000 + u64::from(step) * 150_000_000 + salt * 1000;
-        header.cause_ns = 5_000_000_000 + u64::from(step) * 150_000_000;
+        header.sent_ns = 5_000_000_000 + u64::from(step) * STEP_NS + salt * 1000;
+        header.cause_ns = 5_000_000_000 + u64::from(step) * STEP_NS;
         header.episode = 0;
         header.step = step;
     }
@@ -66,6 +71,13 @@ fn elements(field: &Field) -> (usize, usize) {
 fn fill(fields: &[Field], bytes: &mut [u8], next: &mut u64) {
     for field in fields {
         let (count, size) = elements(field);
+        if field.is_text {
+            *next += 1;
+            let text = format!("{next} größer");
+            let place = &mut bytes[field.offset..][..field.size];
+            place[..text.len()].copy_from_slice(text.as_bytes());
+            continue;
+        }
         for index in 0..count {
             let place = &mut bytes[field.offset + index * size..][..size];
             *next += 1;
@@ -111,6 +123,10 @@ fn read(fields: &[Field], bytes: &[u8], prefix: &str, out: &mut Map<String, Valu
         let name = format!("{prefix}{}", field.name);
         let place = |index: usize| &bytes[field.offset + index * size..][..size];
         match (field.nested, field.count) {
+            _ if field.is_text => {
+                let text = string_of(&bytes[field.offset..][..field.size]);
+                out.insert(name, json!(text));
+            }
             (Some(inner), None) => read(inner(), place(0), &format!("{name}."), out),
             (Some(inner), Some(_)) => {
                 for index in 0..count {

@@ -137,6 +137,8 @@ macro_rules! stranger {
                     nested: None,
                     size: 4,
                     align: 4,
+                    is_text: false,
+                    doc: "",
                 };
                 const FIELDS: &[Field] = &[
                     Field {
@@ -147,6 +149,7 @@ macro_rules! stranger {
                         nested: Some(Header::fields),
                         size: size_of::<Header>(),
                         align: 8,
+                        ..FLOAT
                     },
                     Field {
                         name: stringify!($first),
