@@ -16,7 +16,7 @@ import struct
 
 import iceoryx2 as iox2
 import mirror_messages as messages
-from mirror_ports import Input, Output, Role, now_ns, position_of
+from mirror_ports import Input, Output, Role, follow_clock, now_ns, position_of
 
 #: Commands of the launcher, in `Control.command`.
 START, STOP, TAKE_OVER, REPORT, CONNECT, HAND_OVER = 1, 2, 3, 4, 5, 6
@@ -103,6 +103,7 @@ class Node:
         self._banked_ns, self._woken_ns = 0, now_ns()
         self._inputs, self._outputs, self._waitsets, self._services = [], [], {}, []
         self._follow_launcher()
+        follow_clock(os.path.join(arguments.root, arguments.instance))
         iox2.set_log_level(iox2.LogLevel.Error)
         self._config = instance_config(arguments)
         self._node = (

@@ -61,11 +61,15 @@ pub enum Command {
     Swap(SwapArguments),
     /// Write the messages' ROS 2 definitions, for programs that read recordings
     Messages(MessagesArguments),
-    /// Show what is running, what a dead run left, and whether this machine's limits suffice
+    /// Show what is running, what a dead run left, whether this machine's limits suffice, and whether it keeps up in real time
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
     #[command(hide = true)]
     Process(ProcessArguments),
+    /// Run somebody else's program as one process of a set, and end it, and all that it starts, with the set (this is how `up`
+    /// starts what --exec names)
+    #[command(hide = true)]
+    ExecGuard(ExecGuardArguments),
 }
 
 /// Options of `mirror up`.
@@ -270,6 +274,20 @@ pub struct SwapArguments {
 #[derive(Args, Debug)]
 pub struct ProcessArguments {
     /// The process's arguments, as `up` wrote them
+    #[arg(value_name = "FILE.json")]
+    pub run: PathBuf,
+}
+
+/// Options of `mirror exec-guard`.
+#[derive(Args, Debug)]
+pub struct ExecGuardArguments {
+    /// The launcher's process id
+    pub launcher: u32,
+    /// The process that the program stands in for
+    pub process: String,
+    /// The program, as the shell reads it
+    pub program: String,
+    /// The program's last argument: the process's arguments, as `up` wrote them
     #[arg(value_name = "FILE.json")]
     pub run: PathBuf,
 }

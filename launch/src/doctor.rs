@@ -1,7 +1,9 @@
 //! `mirror doctor`: what runs, what dead runs left, and whether this machine's limits suffice.
 
 use crate::cli::DoctorArguments;
+use crate::console::out;
 use crate::failure::Failure;
+use crate::keeps_up;
 use anyhow::{Context, Result, ensure};
 use runtime::instance::lookup_roots;
 use runtime::{
@@ -11,20 +13,20 @@ use runtime::{
 use std::process::ExitCode;
 
 /// Prints the report. Status 0 if all is well, 1 if something was left behind or a limit is too low, 2 if the directory
-/// of instances cannot be trusted.
+/// of instances cannot be trusted; a machine that is too slow for real time is well, for in lockstep it need not keep up.
 pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     let mut well = true;
     for root in lookup_roots() {
         let states = list_instances(&root).map_err(Failure::refused)?;
-        println!("Instances below {}", root.display());
+        out!("Instances below {}", root.display());
         if states.is_empty() {
-            println!("  none runs, and none left anything");
+            out!("  none runs, and none left anything");
         }
         for state in &states {
             well &= examine(state, arguments.clean)?;
         }
     }
-    println!("Limits");
+    out!("Limits");
     match shared_memory_free() {
         Ok(free) => {
             let needed = shared_memory_needed(false, true);
@@ -32,7 +34,7 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
             well &= limit("shared memory free (/dev/shm)", free, needed, "KiB");
         }
         Err(error) => {
-            println!("  {error}");
+            out!("  {error}");
             well = false;
         }
     }
@@ -44,6 +46,9 @@ pub fn doctor(arguments: &DoctorArguments) -> Result<ExitCode, Failure> {
     );
     let cores = std::thread::available_parallelism().map_or(1, usize::from) as u64;
     well &= limit("processor cores", cores, 1, "");
+    if !arguments.clean {
+        keeps_up::report()?;
+    }
     Ok(if well {
         ExitCode::SUCCESS
     } else {
@@ -57,11 +62,11 @@ fn examine(state: &InstanceState, clean: bool) -> Result<bool> {
         return Ok(true);
     }
     if !clean {
-        println!("    `mirror doctor --clean` removes it");
+        out!("    `mirror doctor --clean` removes it");
         return Ok(false);
     }
     let report = cleanup_dead(&state.root, &state.instance)?;
-    println!(
+    out!(
         "    cleaned: {} dead processes, {} files in shared memory",
         report.nodes, report.files
     );
@@ -112,20 +117,20 @@ pub fn make_room(is_gridworld: bool, plans: bool) -> Result<()> {
 fn show(state: &InstanceState) -> bool {
     let dead = state.nodes.iter().filter(|node| !node.alive).count();
     match state.launcher {
-        Some(pid) => println!("  {}: runs under process {pid}", state.instance),
-        None => println!("  {}: its launcher is dead", state.instance),
+        Some(pid) => out!("  {}: runs under process {pid}", state.instance),
+        None => out!("  {}: its launcher is dead", state.instance),
     }
     for node in &state.nodes {
         let word = if node.alive { "lives" } else { "is dead" };
-        println!("    {:<10} process {:<8} {word}", node.process, node.pid);
+        out!("    {:<10} process {:<8} {word}", node.process, node.pid);
     }
-    println!("    {} files in shared memory", state.shared_files);
+    out!("    {} files in shared memory", state.shared_files);
     state.launcher.is_none() || dead > 0
 }
 
 fn limit(what: &str, have: u64, need: u64, unit: &str) -> bool {
     let enough = have >= need;
     let word = if enough { "ok" } else { "TOO LOW" };
-    println!("  {what:<32} {have} {unit} (needed: {need}) {word}");
+    out!("  {what:<32} {have} {unit} (needed: {need}) {word}");
     enough
 }

@@ -1,6 +1,7 @@
 //! `mirror evaluate`: the paper's studies with simulated people, without processes.
 
 use crate::cli::{Domain, Evaluate, EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
+use crate::console::out;
 use crate::failure::Failure;
 use crate::gridworld;
 use crate::inputs;
@@ -128,7 +129,7 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         &body,
         &report.claims,
     )?;
-    println!(
+    out!(
         "{0}/drive.csv, drive.json, drive.svg, drive.png; section `drive` of {1}; {2:.0} s",
         arguments.files.out.display(),
         results.display(),
@@ -150,7 +151,7 @@ pub(crate) fn results_file(given: Option<&Path>, out: &Path) -> PathBuf {
 }
 
 fn print_drive(report: &Report) {
-    println!(
+    out!(
         "condition   rounds   collisions [95 % over people]   highlighted s/min   utterances/min   mean reward"
     );
     for summary in &report.conditions {
@@ -168,16 +169,18 @@ fn print_drive(report: &Report) {
             100.0 * collisions.low,
             100.0 * collisions.high,
         );
-        println!(
+        out!(
             "{condition:<11} {rounds:>6}   {mean:>5.1} % [{low:>5.1}, {high:>5.1}]          {:>18.1} {:>16.1} {:>13.1}",
-            highlighted_s_per_minute.mean, utterances_per_minute.mean, reward.mean,
+            highlighted_s_per_minute.mean,
+            utterances_per_minute.mean,
+            reward.mean,
         );
     }
     for tests in &report.tests {
-        println!("{}", tests.sentence());
+        out!("{}", tests.sentence());
     }
     for claim in &report.claims {
-        println!(
+        out!(
             "({}) {}: {}",
             claim.letter,
             claim.claim,
@@ -197,7 +200,7 @@ fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> 
     let settings = training::implants::Settings::default();
     let transfer = arguments.setting == Setting::Transfer;
     let mut reports = Vec::new();
-    println!(
+    out!(
         "person   seconds   error where cars were (m)   of the middle (m)   error where cars crossed the limit (m)   azimuths"
     );
     let all = match arguments.quick {
@@ -208,7 +211,7 @@ fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> 
     for person in 1..=people {
         let rounds = arguments.rounds.unwrap_or(ROUNDS);
         let report = implants::report(&model, person, rounds, transfer, &settings)?;
-        println!(
+        out!(
             "{person:>6}   {:>7.1}   {:>25.2}   {:>17.2}   {:>38.2}   {:>8}",
             report.seconds,
             report.error_present_m,
@@ -220,7 +223,7 @@ fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> 
     }
     implants::write_csv(&reports, out)?;
     implants::draw(&reports, out)?;
-    println!(
+    out!(
         "{0}/implants.csv, {0}/implants.svg, {0}/implants.png",
         out.display()
     );

@@ -1,6 +1,7 @@
 //! `mirror evaluate all`: every study, one after the other, and the time of each.
 
 use crate::cli::{Cli, Command, EvaluateAllArguments};
+use crate::console::out;
 use crate::evaluate::{evaluate, results_file};
 use crate::failure::Failure;
 use crate::learn::command_line;
@@ -37,7 +38,7 @@ pub fn all(arguments: &EvaluateAllArguments) -> Result<ExitCode, Failure> {
     let mut times = Vec::new();
     for (study, domain, model) in PARTS {
         let name = format!("{study} {domain}").trim_end().to_owned();
-        println!("== {name}");
+        out!("== {name}");
         let mut words: Vec<OsString> = vec!["mirror".into(), "evaluate".into(), study.into()];
         if !domain.is_empty() {
             words.extend(["--domain".into(), domain.into()]);
@@ -68,10 +69,10 @@ pub fn all(arguments: &EvaluateAllArguments) -> Result<ExitCode, Failure> {
         command_line()
     );
     for (name, seconds) in &times {
-        println!("{name:<28} {seconds:>8.0} s");
+        out!("{name:<28} {seconds:>8.0} s");
         let _ = writeln!(body, "| {name} | {seconds:.0} |");
     }
-    println!("{:<28} {total:>8.0} s", "all");
+    out!("{:<28} {total:>8.0} s", "all");
     let _ = writeln!(body, "| all | {total:.0} |");
     write_section(&results, "all", "Time of each part", &body)?;
     Ok(ExitCode::SUCCESS)

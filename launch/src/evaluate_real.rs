@@ -1,6 +1,7 @@
 //! `mirror evaluate real`: human models against recorded drivers.
 
 use crate::cli::EvaluateRealArguments;
+use crate::console::out;
 use crate::evaluate::results_file;
 use crate::failure::Failure;
 use crate::inputs;
@@ -56,7 +57,7 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
     let results = results_file(arguments.files.results.as_deref(), out);
     let body = report.section(&results, out, &command_line(), note);
     write_section(&results, "real", "Recorded drivers (`real`)", &body)?;
-    println!(
+    out!(
         "{0}/real.csv, real.json, real.svg, real.png; section `real` of {1}; {2:.0} s",
         out.display(),
         results.display(),
@@ -66,7 +67,7 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
 }
 
 fn print(report: &Report) {
-    println!(
+    out!(
         "{} drivers, {} of them tested in each of {} splits; {} left out. {}",
         report.drivers,
         report.tested,
@@ -75,9 +76,9 @@ fn print(report: &Report) {
         report.rule.words()
     );
     for (name, reason) in &report.left_out {
-        println!("  left out {name}: {reason}");
+        out!("  left out {name}: {reason}");
     }
-    println!("−log π(a) in nats a step [95 % over splits], by drivers learned from:");
+    out!("−log π(a) in nats a step [95 % over splits], by drivers learned from:");
     for kind in MODELS {
         let points: Vec<String> = report
             .of(kind.name())
@@ -90,6 +91,6 @@ fn print(report: &Report) {
                 )
             })
             .collect();
-        println!("{:<9} {}", kind.name(), points.join("   "));
+        out!("{:<9} {}", kind.name(), points.join("   "));
     }
 }

@@ -2,6 +2,7 @@
 //! a person that nothing was learned of yet.
 
 use crate::cli::{DemosArguments, Setting, TrainHumanArguments};
+use crate::console::out;
 use crate::failure::Failure;
 use crate::gridworld;
 use crate::inputs;
@@ -73,7 +74,7 @@ pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
         .iter()
         .filter(|round| round.collided)
         .count();
-    println!(
+    out!(
         "{}: {} rounds, {steps} steps, {collided} collisions",
         out.display(),
         demonstrations.rounds.len()
@@ -114,7 +115,7 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
         _ => Settings::default().least_steps(&demonstrations),
     };
     let rounds = rounds_in_words(lengths, least);
-    println!("{}: learned from {rounds}; {said}", out.display());
+    out!("{}: learned from {rounds}; {said}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,13 +1,16 @@
 //! The `mirror` command: starts and watches the process set, and holds every process behind `mirror process <name>`.
 
 mod cli;
+mod console;
 mod doctor;
 mod evaluate;
 mod evaluate_all;
 mod evaluate_real;
 mod failure;
 mod gridworld;
+mod guard;
 mod inputs;
+mod keeps_up;
 mod learn;
 mod learned;
 mod messages_package;
@@ -17,19 +20,32 @@ mod process;
 mod profile;
 mod replay;
 mod screen;
+mod suspend;
 mod swap;
 mod train_self;
+mod units;
 mod up;
 
 use clap::Parser;
 use cli::{Cli, Command, Train};
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 #[global_allocator]
 static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
 fn main() -> ExitCode {
-    let Cli { command, vectors } = Cli::parse();
+    let Cli { command, vectors } = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version too, which go to the standard output.
+        Err(told) => {
+            let printed = told.print().and_then(|()| io::stdout().flush());
+            if !told.use_stderr() {
+                console::note(printed);
+            }
+            return console::verdict(ExitCode::from(told.exit_code() as u8));
+        }
+    };
     nn::vectors::choose(vectors);
     // Whoever only prints ends quietly with its reader (`mirror doctor | head`); who runs a set, or talks to one, goes on without.
     let goes_on = matches!(
@@ -39,6 +55,7 @@ fn main() -> ExitCode {
             | Command::Replay(_)
             | Command::Profile(_)
             | Command::Process(_)
+            | Command::ExecGuard(_)
     );
     if !goes_on {
         // SAFETY: no other thread runs yet, and no handler of ours is replaced.
@@ -56,12 +73,15 @@ fn main() -> ExitCode {
         Command::Train(Train::Myself(arguments)) => train_self::train_self(&arguments),
         Command::Train(Train::Human(arguments)) => learn::train_human(&arguments),
         Command::Process(arguments) => process::process(&arguments),
+        Command::ExecGuard(arguments) => guard::guard(&arguments),
     };
-    match result {
+    screen::close();
+    let status = match result {
         Ok(status) => status,
         Err(failure) => {
             screen::error(&failure);
             ExitCode::from(failure.status)
         }
-    }
+    };
+    console::verdict(status)
 }

@@ -1,6 +1,7 @@
 //! `mirror messages`: the messages' definitions as a ROS 2 interface package.
 
 use crate::cli::MessagesArguments;
+use crate::console::out;
 use crate::failure::Failure;
 use anyhow::{Context, Result, ensure};
 use std::fs;
@@ -12,19 +13,19 @@ const NAME: &str = "<name>mirror_msgs</name>";
 
 /// Runs `mirror messages`.
 pub fn write(arguments: &MessagesArguments) -> Result<ExitCode, Failure> {
-    let out = &arguments.out;
-    check(out).map_err(Failure::refused)?;
-    let files = messages::ros_package();
-    for (path, text) in &files {
-        let path = out.join(path);
-        let folder = path.parent().unwrap_or(out);
-        fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        fs::write(&path, text).with_context(|| path.display().to_string())?;
+    let folder = &arguments.out;
+    check(folder).map_err(Failure::refused)?;
+    let package = messages::ros_package();
+    for (path, text) in &package {
+        let path = folder.join(path);
+        let above = path.parent().unwrap_or(folder);
+        fs::create_dir_all(above).with_context(|| above.display().to_string())?;
+        files::write(&path, text.as_bytes())?;
     }
-    let interfaces = files.iter().filter(|(path, _)| path.ends_with(".msg"));
-    println!(
+    let interfaces = package.iter().filter(|(path, _)| path.ends_with(".msg"));
+    out!(
         "{}: ROS 2 package mirror_msgs with {} messages",
-        out.display(),
+        folder.display(),
         interfaces.count()
     );
     Ok(ExitCode::SUCCESS)

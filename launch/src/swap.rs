@@ -4,17 +4,22 @@ use crate::cli::SwapArguments;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
-use crate::up::door::{self, Question, Replacement};
+use crate::up::door::{self, Question, Replacement, Waiting};
 use anyhow::{Context, Result, bail};
 use runtime::instance::{self, lookup_roots};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
 /// Runs `mirror swap`.
 pub fn swap(arguments: &SwapArguments) -> Result<ExitCode, Failure> {
     let (directory, report_to, question) = prepare(arguments).map_err(Failure::refused)?;
-    let report = door::ask(&directory, &question)?;
-    print(&report);
+    let screen = Screen::new();
+    let mut news = News::new(screen.clone());
+    let report = door::ask(&directory, &question, |waiting| news.tell(waiting));
+    screen.finish();
+    let report = report?;
+    print(&screen, &report);
     if let Some(path) = report_to {
         let text = serde_json::to_string_pretty(&report).context("the report")?;
         files::write(&path, (text + "\n").as_bytes()).map_err(anyhow::Error::from)?;
@@ -73,8 +78,44 @@ pub fn running(name: Option<&str>) -> Result<PathBuf> {
     Ok(instance::directory(&root, chosen))
 }
 
-fn print(report: &serde_json::Value) {
-    let screen = Screen::new();
+/// What a swap waits for, for who waits for it.
+struct News {
+    screen: Screen,
+    said: String,
+    told: Instant,
+}
+
+impl News {
+    /// Between two lines about how far it is, where there is no status line.
+    const PAUSE: Duration = Duration::from_secs(10);
+
+    fn new(screen: Screen) -> Self {
+        Self {
+            screen,
+            said: String::new(),
+            told: Instant::now(),
+        }
+    }
+
+    fn tell(&mut self, waiting: &Waiting) {
+        let Waiting { what, so_far } = waiting;
+        if *what != self.said {
+            self.screen.warn(what);
+            self.said.clone_from(what);
+            self.told = Instant::now();
+        }
+        if so_far.is_empty() {
+            return;
+        }
+        self.screen.status(so_far.clone());
+        if !self.screen.has_status() && self.told.elapsed() >= Self::PAUSE {
+            self.screen.warn(&format!("  {so_far}"));
+            self.told = Instant::now();
+        }
+    }
+}
+
+fn print(screen: &Screen, report: &serde_json::Value) {
     let text = |key: &str| report[key].as_str().unwrap_or_default().to_owned();
     let number = |key: &str| report[key].as_f64().unwrap_or_default();
     screen.line(&format!(

@@ -1,6 +1,7 @@
 //! `mirror train self`: the robot's self-model from nothing, or on from where an earlier run stopped.
 
 use crate::cli::TrainSelfArguments;
+use crate::console::out;
 use crate::failure::Failure;
 use crate::gridworld;
 use crate::inputs;
@@ -61,12 +62,12 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
     models::checkpoint::save_self_model(&out, &trainer.model, &command_line())
         .map_err(anyhow::Error::from)?;
     let (reward, collisions) = trainer.evaluate(EVALUATED);
-    println!(
+    out!(
         "{}: {} episodes; over {EVALUATED} new ones the policy's mean reward is {reward:.1}, its collision rate {collisions:.2}",
         out.display(),
         trainer.episode,
     );
-    println!(
+    out!(
         "{}: continue with --resume and more --episodes, or delete it",
         checkpoint.display()
     );

@@ -5,6 +5,7 @@ use crate::cli::{
     EvaluateCommunicateArguments, EvaluateFitArguments, EvaluateImplantsArguments,
     GridworldStudyArguments,
 };
+use crate::console::out;
 use crate::evaluate::results_file;
 use crate::failure::Failure;
 use crate::learn::command_line;
@@ -71,12 +72,14 @@ impl<'a> Desk<'a> {
         write_study(&results, name, heading, &section(&results), claims)?;
         for claim in claims {
             let word = claim.verdict.word();
-            println!(
+            out!(
                 "({}) {}: {word}\n    {}",
-                claim.letter, claim.claim, claim.ours
+                claim.letter,
+                claim.claim,
+                claim.ours
             );
         }
-        println!(
+        out!(
             "{0}/{name}.csv, .json, .svg, .png; section `{name}` of {1}; {2:.0} s",
             self.out.display(),
             results.display(),
@@ -130,7 +133,7 @@ pub fn fit(arguments: &EvaluateFitArguments) -> Result<ExitCode, Failure> {
     let report = fits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {
-        println!("{line}");
+        out!("{line}");
     }
     let note = note(
         shared.quick,
@@ -183,7 +186,7 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
     let report = communicate::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {
-        println!("{line}");
+        out!("{line}");
     }
     let note = note(
         shared.quick,
@@ -232,7 +235,7 @@ pub fn implants(
     let report = limits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
     report.write(desk.out)?;
     for line in report.lines() {
-        println!("{line}");
+        out!("{line}");
     }
     let note = note(arguments.quick, "3 people");
     let heading = format!(

@@ -3,6 +3,7 @@
 
 use super::inputs;
 use crate::cli::{DemosArguments, Setting as Asked, TrainHumanArguments};
+use crate::console::out;
 use crate::failure::Failure;
 use crate::inputs::{human, writable};
 use crate::learn::{DEMONSTRATION_SEED, command_line, rounds_in_words};
@@ -51,7 +52,7 @@ pub fn demos(arguments: &DemosArguments, domain: Domain) -> Result<ExitCode, Fai
     rounds.source = command_line();
     rounds.save(&out).map_err(anyhow::Error::from)?;
     let reward: f32 = rounds.rounds.iter().flat_map(|r| &r.reward).sum();
-    println!(
+    out!(
         "{}: {} rounds, {} steps, mean reward {:.2}",
         out.display(),
         rounds.rounds.len(),
@@ -110,7 +111,7 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
     let all = std::iter::once(&rounds).chain(&original);
     let lengths = all.flat_map(|rounds| rounds.rounds.iter().map(Round::len));
     let rounds = rounds_in_words(lengths, 1);
-    println!("{}: learned from {rounds}; {said}", out.display());
+    out!("{}: learned from {rounds}; {said}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 

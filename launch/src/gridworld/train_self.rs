@@ -2,6 +2,7 @@
 
 use super::inputs;
 use crate::cli::TrainSelfArguments;
+use crate::console::out;
 use crate::failure::Failure;
 use crate::learn::command_line;
 use crate::screen::Progress;
@@ -55,7 +56,7 @@ pub fn train_self(arguments: &TrainSelfArguments, domain: Domain) -> Result<Exit
         .save(&out, &command_line())
         .map_err(anyhow::Error::from)?;
     let rounds = EVALUATED * world.scenarios();
-    println!(
+    out!(
         "{}: {} phases; over {rounds} new rounds {}; the expert {}",
         out.display(),
         trainer.phase,
@@ -70,7 +71,7 @@ pub fn train_self(arguments: &TrainSelfArguments, domain: Domain) -> Result<Exit
         ),
         judged(&world, &trainer, Actor::Expert { slips: 0.0 }, rounds),
     );
-    println!(
+    out!(
         "{}: continue with --resume and more --phases, or delete it",
         checkpoint.display()
     );

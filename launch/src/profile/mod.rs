@@ -23,6 +23,7 @@ use crate::cli::ProfileArguments;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
+use crate::suspend::Suspension;
 use anyhow::{Context, Result, ensure};
 use metrics::{Metric, Samples};
 use result::{Profile, Trace};
@@ -57,6 +58,8 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
             let instance = chosen.unwrap_or_else(|| format!("profile-{}", std::process::id()));
             let endless = arguments.own_cost > 0.0 || arguments.seconds.is_some();
             let (started, observer) = target::start(&arguments.scene, &instance, endless)?;
+            let (suspension, launcher) = (Suspension::new()?, started.pid());
+            std::thread::spawn(move || suspension.pass_on(launcher));
             (instance, observer, Some(started))
         }
     };

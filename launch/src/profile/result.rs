@@ -324,8 +324,12 @@ impl ProcessProfile {
             reported: watched.reports.as_deref().map(Reported::between),
             ..Self::default()
         };
-        if let Some([before, after]) = watched.usage {
-            let ns = (after.at_ns - before.at_ns).max(1) as f64;
+        // Of one that ended before it was looked at again, nothing is known.
+        let usage = watched
+            .usage
+            .filter(|[before, after]| after.at_ns > before.at_ns);
+        if let Some([before, after]) = usage {
+            let ns = (after.at_ns - before.at_ns) as f64;
             let share = |before: u64, after: u64| after.saturating_sub(before) as f64 / ns;
             profile.cpu_s = Some([before, after].map(|usage| usage.cpu_ns as f64 * 1e-9));
             profile.cpu_share = Some(share(before.cpu_ns, after.cpu_ns));

@@ -3,9 +3,10 @@
 use crate::cli::{Clock, PlannerKind, UpArguments};
 use crate::failure::Failure;
 use crate::own;
+use crate::up::door::{self, Question};
 use anyhow::{Context, Result, anyhow};
 use runtime::instance::{lookup_roots, nodes, root_for, root_of};
-use runtime::{ClockMode, Observer, RunArguments, list_instances, now_ns};
+use runtime::{ClockMode, NodeError, Observer, RunArguments, list_instances, now_ns};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
@@ -28,6 +29,11 @@ pub struct Started {
 }
 
 impl Started {
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Asks it to end, and waits for it.
     pub fn end(&mut self) {
         // The id of one that was waited for may be somebody else's.
@@ -178,15 +184,19 @@ pub fn attach(instance: &str) -> Result<Observer, Failure> {
             .filter(|state| state.launcher.is_some())
             .map(|state| state.instance)
             .collect();
-        let running = match running.is_empty() {
-            true => "none runs".to_owned(),
+        let which = match running.is_empty() {
+            true => "no process set is running; start one with `mirror up`".to_owned(),
             false => format!("running: {}", running.join(", ")),
         };
-        Failure::refused(anyhow!("--attach {instance}: {error} ({running})"))
+        let why = match error {
+            NodeError::LauncherGone { .. } => "there is no such instance".to_owned(),
+            other => other.to_string(),
+        };
+        Failure::refused(anyhow!("--attach {instance}: {why}; {which}"))
     })
 }
 
-/// What a set says about itself: from the arguments that its launcher gave its processes.
+/// What a set says about itself: from its launcher's answer, and the arguments that it gave its processes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct About {
     /// `lockstep` or `realtime`.
@@ -241,14 +251,14 @@ pub fn about(observer: &Observer) -> About {
         about.run_id = world.run_id;
         about.spin_us = world.spin_us;
     }
-    about.scene = text("world", "/scene/name");
-    about.seed = option("world", "/seed").and_then(|seed| seed.as_u64());
-    let number = |path| option("driver", path)?.as_i64();
-    about.driver = number("/person/simulated/id")
-        .map(|id| format!("sim:{id}"))
-        .or_else(|| Some(format!("recorded:{}", number("/person/recorded")?)));
-    about.human = text("human", "/kind");
-    about.planner = text("planner", "/method");
+    if let Ok(status) = door::ask(&observer.directory(), &Question::Status, |_| ()) {
+        let said = |key: &str| Some(status[key].as_str()?.to_owned());
+        about.scene = said("scene");
+        about.driver = said("driver");
+        about.human = said("human");
+        about.planner = said("planner");
+        about.seed = status["seed"].as_u64();
+    }
     about.record = text("recorder", "/record");
     about
 }

@@ -5,6 +5,7 @@ use super::graph::{EDGES, Edge};
 use super::metrics::{self, Metric, compute_of, hop_of, wait_of};
 use super::result::{Measured, Profile, Trace};
 use crate::process::NAMES;
+use crate::units::{count, time_us};
 use runtime::ClockMode;
 use std::fmt::Write;
 
@@ -75,14 +76,14 @@ fn write_counts(out: &mut String, profile: &Profile) {
     let counts = &profile.counts;
     let _ = writeln!(
         out,
-        "  {} steps of {} episodes, {} messages · missed deadlines {} · {}",
-        counts.steps,
-        counts.episodes,
-        counts.messages,
+        "  {} of {}, {} · missed deadlines {} · {}",
+        count(counts.steps, "step"),
+        count(counts.episodes, "episode"),
+        count(counts.messages, "message"),
         counts.missed_deadlines,
         match counts.lost_messages.values().sum::<u64>() {
             0 => "no message lost".to_owned(),
-            lost => format!("LOST {lost} messages"),
+            lost => format!("LOST {}", count(lost, "message")),
         }
     );
     for (topic, lost) in counts.lost_messages.iter().filter(|(_, lost)| **lost > 0) {
@@ -103,7 +104,7 @@ fn write_counts(out: &mut String, profile: &Profile) {
     }
 }
 
-/// Five percentiles in µs.
+/// Five percentiles.
 fn columns(metric: &Metric) -> String {
     let Metric {
         p50,
@@ -114,7 +115,7 @@ fn columns(metric: &Metric) -> String {
         ..
     } = metric;
     [p50, p90, p99, p999, max]
-        .map(|ns| format!("{:>10.1}", *ns as f64 / 1000.0))
+        .map(|ns| format!("{:>10}", time_us(*ns as f64 / 1000.0)))
         .concat()
 }
 
@@ -123,7 +124,7 @@ const COLUMNS: &str = "       p50       p90       p99     p99.9       max";
 fn write_processes(out: &mut String, profile: &Profile) {
     let _ = writeln!(
         out,
-        "\nComputes, µs per step   {COLUMNS}     count\n  (exact: from each message's header)"
+        "\nComputes, per step      {COLUMNS}     count\n  (exact: from each message's header)"
     );
     let mut line = |name: &str, metric: &str| {
         if let Some(metric) = profile.metrics.get(metric) {
@@ -184,7 +185,7 @@ fn write_processes(out: &mut String, profile: &Profile) {
 fn write_waits(out: &mut String, profile: &Profile) {
     let _ = writeln!(
         out,
-        "\nWaits, µs, from its sending until its receiver began the step that used it\n  \
+        "\nWaits, from its sending until its receiver began the step that used it\n  \
          (inferred as sent − computed − input's sending: exact where a step computes in one piece, else a lower limit)\n  \
          every message           {COLUMNS}     count"
     );
@@ -224,7 +225,7 @@ fn named_edges() -> impl Iterator<Item = (usize, &'static Edge)> {
 }
 
 fn write_latencies(out: &mut String, profile: &Profile) {
-    let _ = writeln!(out, "\nLatency, µs               {COLUMNS}     count");
+    let _ = writeln!(out, "\nLatency                   {COLUMNS}     count");
     for name in [
         metrics::TICK,
         metrics::TO_DECISION,
@@ -251,9 +252,9 @@ fn write_path(out: &mut String, profile: &Profile) {
     }
     let _ = writeln!(
         out,
-        "\nWhere {} goes, along the critical path: mean {:.1} µs",
+        "\nWhere {} goes, along the critical path: mean {}",
         latency_name(profile),
-        total / 1000.0
+        time_us(total / 1000.0)
     );
     let mut rest = 0.0;
     for part in &profile.path {
@@ -263,8 +264,8 @@ fn write_path(out: &mut String, profile: &Profile) {
         }
         let _ = writeln!(
             out,
-            "  {:>9.1} µs {:>5.1} %  {:<9} {} (on the path of {} steps)",
-            part.mean_ns / 1000.0,
+            "  {:>9} {:>5.1} %  {:<9} {} (on the path of {} steps)",
+            time_us(part.mean_ns / 1000.0),
             100.0 * part.share,
             part.process,
             part.what,
@@ -274,8 +275,8 @@ fn write_path(out: &mut String, profile: &Profile) {
     if rest > 0.0 {
         let _ = writeln!(
             out,
-            "  {:>9.1} µs {:>5.1} %  everything else",
-            rest / 1000.0,
+            "  {:>9} {:>5.1} %  everything else",
+            time_us(rest / 1000.0),
             100.0 * rest / total
         );
     }
@@ -284,10 +285,10 @@ fn write_path(out: &mut String, profile: &Profile) {
 fn write_trace(out: &mut String, which: &str, trace: &Trace) {
     let _ = writeln!(
         out,
-        "\n{which} step: episode {} step {}, {:.1} µs",
+        "\n{which} step: episode {} step {}, {}",
         trace.episode,
         trace.step,
-        trace.latency_ns as f64 / 1000.0
+        time_us(trace.latency_ns as f64 / 1000.0)
     );
     // A plan's dozens of questions would hide the rest: equal stretches of one process in a row of them are summed up.
     let mut parts: Vec<(String, String, i64, i64, usize)> = Vec::new();
@@ -313,9 +314,9 @@ fn write_trace(out: &mut String, which: &str, trace: &Trace) {
         };
         let _ = writeln!(
             out,
-            "  at {:>9.1} µs {:>9.1} µs  {process:<9} {what}{times}",
-            from_ns as f64 / 1000.0,
-            ns as f64 / 1000.0
+            "  at {:>9} for {:>9}  {process:<9} {what}{times}",
+            time_us(from_ns as f64 / 1000.0),
+            time_us(ns as f64 / 1000.0)
         );
     }
 }

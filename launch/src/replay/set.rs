@@ -3,6 +3,7 @@
 use super::resolve::Resolved;
 use crate::own;
 use crate::screen::Screen;
+use crate::suspend::Suspension;
 use anyhow::{Context, Result, bail};
 use runtime::{Launcher, LauncherWake, now_ns, process_descriptor, text_of};
 use std::io::{BufRead, BufReader, Read};
@@ -97,13 +98,16 @@ impl Set {
     /// # Errors
     /// When a process fails or ends before the replay does, or the user ends it.
     pub fn play(&mut self, launcher: &mut Launcher, screen: &Screen) -> Result<()> {
+        let suspension = Suspension::new()?;
         let descriptors = self.descriptors();
         launcher
             .wait_ready(&NAMES, &descriptors, now_ns() + READY_NS)
             .context("the replay did not start")?;
         launcher.start()?;
+        let mut watched = descriptors.to_vec();
+        watched.push(suspension.descriptor());
         loop {
-            match launcher.wait(&descriptors, Some(now_ns() + LOOK_NS))? {
+            match launcher.wait(&watched, Some(now_ns() + LOOK_NS))? {
                 LauncherWake::Report => {
                     while let Some(report) = launcher.next_report()? {
                         if report.header.run_id != launcher.arguments().run_id {
@@ -121,6 +125,9 @@ impl Set {
                         }
                     }
                 }
+                LauncherWake::Child(index) if index >= descriptors.len() => {
+                    suspension.heed(|signal| self.signal(signal));
+                }
                 LauncherWake::Child(index) => {
                     let status = self.children[index]
                         .0
@@ -135,6 +142,13 @@ impl Set {
                     }
                 }
             }
+        }
+    }
+
+    fn signal(&self, signal: libc::c_int) {
+        for (child, _) in &self.children {
+            // SAFETY: signals a child that was not waited for; of one that was, no other can have its number yet.
+            unsafe { libc::kill(child.id() as libc::pid_t, signal) };
         }
     }
 

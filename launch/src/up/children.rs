@@ -1,6 +1,7 @@
 //! The processes of a run, as operating-system processes: started, watched, ended.
 
 use super::plan::Plan;
+use crate::guard;
 use crate::own;
 use crate::process::NAMES;
 use crate::screen::Screen;
@@ -39,6 +40,8 @@ pub struct Child {
     /// What it said of its failure, or the launcher of why it is ended.
     pub why: Option<String>,
     child: OsChild,
+    /// Our own executable; else a guard with somebody else's program behind it.
+    is_ours: bool,
     descriptor: OwnedFd,
     /// Shows what it writes to its standard error; for our own executable, which closes that when it ends.
     errors: Option<JoinHandle<()>>,
@@ -51,10 +54,29 @@ impl Child {
         self.child.id()
     }
 
-    /// Sends it a signal.
+    /// Sends a signal to it and to what it has started.
     pub fn signal(&self, signal: libc::c_int) {
-        // SAFETY: signals a child that was not reaped yet, so its id is still its own.
-        unsafe { libc::kill(self.child.id() as libc::pid_t, signal) };
+        self.send(signal);
+    }
+
+    /// Stops it with SIGSTOP, or has it go on with SIGCONT, and with it what it has started.
+    fn suspend(&self, signal: libc::c_int) {
+        self.send(signal);
+        if self.is_ours {
+            return;
+        }
+        // Somebody else's program may have children in other process groups.
+        for pid in guard::descendants(self.child.id()) {
+            // SAFETY: signals a descendant of our child.
+            unsafe { libc::kill(pid as libc::pid_t, signal) };
+        }
+    }
+
+    /// Sends a signal to its process group.
+    fn send(&self, signal: libc::c_int) {
+        let group = self.child.id() as libc::pid_t;
+        // SAFETY: signals the group of a child that was not waited for yet, so its id is still its own.
+        unsafe { libc::kill(-group, signal) };
     }
 }
 
@@ -119,6 +141,11 @@ impl Children {
             standby,
             ..plan.arguments(launcher.arguments(), place)?
         };
+        // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
+        let is_ours = !plan.exec.contains_key(name);
+        if !is_ours {
+            guard::adopt_orphans()?;
+        }
         let mut child = command(plan, name, &arguments)?
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -127,8 +154,6 @@ impl Children {
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting {name}"))?;
-        // Somebody else's program may leave a child behind that keeps the pipe open: it is not waited for.
-        let is_ours = !plan.exec.contains_key(name);
         if let Some(out) = child.stdout.take() {
             let screen = screen.clone();
             let reader = forward(out, move |line| screen.line(line));
@@ -162,6 +187,7 @@ impl Children {
             heard_ns: now_ns(),
             why: None,
             child,
+            is_ours,
             descriptor,
             errors,
             last_words,
@@ -247,10 +273,15 @@ impl Children {
     pub fn reap(&mut self, at: usize) -> Result<Ended> {
         let mut ended = self.living.remove(at);
         let name = NAMES[ended.place];
+        // Until it is waited for, its group is its own. A guard that was killed leaves a program behind.
+        ended.send(libc::SIGKILL);
         let status = ended
             .child
             .wait()
             .with_context(|| format!("waiting for {name}"))?;
+        if !ended.is_ours {
+            self.end_strays();
+        }
         let mut how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with status {code}"),
             (None, Some(signal)) => format!("was killed by signal {signal}"),
@@ -304,6 +335,19 @@ impl Children {
         }
     }
 
+    /// Ends what somebody else's programs started and nobody guards any more: this process has become its parent.
+    fn end_strays(&self) {
+        let known: Vec<u32> = self.living.iter().map(Child::pid).collect();
+        guard::end_strays(&known);
+    }
+
+    /// Suspends everybody with SIGSTOP, or has everybody go on with SIGCONT.
+    pub fn suspend(&self, signal: libc::c_int) {
+        for child in &self.living {
+            child.suspend(signal);
+        }
+    }
+
     /// Waits until everything that the processes printed has been shown; only when all have ended.
     pub fn drain_output(&mut self) {
         for reader in self.readers.drain(..) {
@@ -315,8 +359,8 @@ impl Children {
 impl Drop for Children {
     fn drop(&mut self) {
         self.signal(libc::SIGKILL);
-        for child in &mut self.living {
-            let _ = child.child.wait();
+        while !self.living.is_empty() {
+            let _ = self.reap(0);
         }
     }
 }
@@ -328,11 +372,11 @@ fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command>
         .with_context(|| format!("arguments of {name}"))?;
     Ok(match plan.exec.get(name) {
         Some(replacement) => {
-            let mut command = Command::new("/bin/sh");
+            let mut command = own::command();
             command
-                .arg("-c")
-                .arg(format!("exec {replacement} \"$@\""))
-                .arg(name)
+                .arg("exec-guard")
+                .arg(std::process::id().to_string())
+                .args(["--", name, replacement])
                 .arg(file);
             command
         }

@@ -1,11 +1,14 @@
-//! Where other commands reach a running set: a socket in the instance's directory. One line of JSON asks, one answers.
+//! Where other commands reach a running set: a socket in the instance's directory. One line of JSON asks, one answers;
+//! before the answer to a swap, others may say what it waits for.
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Longest question.
 const MOST_BYTES: usize = 64 << 10;
@@ -42,6 +45,17 @@ pub enum Answer {
     Done(serde_json::Value),
     /// Not done, and why; everything is as it was before.
     Refused(String),
+    /// Not done yet: another answer follows.
+    Waiting(Waiting),
+}
+
+/// What is still to come before a question is answered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Waiting {
+    /// What is waited for.
+    pub what: String,
+    /// How far that is, where it can be told.
+    pub so_far: String,
 }
 
 /// The socket of an instance.
@@ -53,6 +67,8 @@ pub fn path(directory: &Path) -> PathBuf {
 pub struct Door {
     listener: UnixListener,
     visitors: Vec<Visitor>,
+    /// Those whose question cannot be answered yet.
+    held: VecDeque<(Visitor, Question)>,
 }
 
 /// Somebody who asked, or is about to.
@@ -62,8 +78,17 @@ pub struct Visitor {
 }
 
 impl Visitor {
-    /// Tells them, who may have left.
+    /// Tells them, who may have left, the answer.
     pub fn tell(mut self, answer: &Answer) {
+        self.write(answer);
+    }
+
+    /// Tells them what is waited for.
+    pub fn tell_waiting(&mut self, waiting: Waiting) {
+        self.write(&Answer::Waiting(waiting));
+    }
+
+    fn write(&mut self, answer: &Answer) {
         if let Ok(mut text) = serde_json::to_string(answer) {
             text.push('\n');
             let _ = self.stream.set_nonblocking(false);
@@ -94,6 +119,7 @@ impl Door {
         Ok(Self {
             listener,
             visitors: Vec::new(),
+            held: VecDeque::new(),
         })
     }
 
@@ -103,8 +129,33 @@ impl Door {
         std::iter::once(self.listener.as_raw_fd()).chain(visitors)
     }
 
-    /// Lets in who knocks, and returns the next complete question.
+    /// Answers while the set is not there yet: who wants to swap is held until it is, and told `why` they have to wait.
+    pub fn answer_early(&mut self, status: impl Fn() -> serde_json::Value, why: &str) {
+        while let Some((mut visitor, question)) = self.ask() {
+            match question {
+                Err(why) => visitor.tell(&Answer::Refused(why)),
+                Ok(Question::Status) => visitor.tell(&Answer::Done(status())),
+                Ok(question @ Question::Swap(_)) => {
+                    visitor.tell_waiting(Waiting {
+                        what: why.to_owned(),
+                        ..Waiting::default()
+                    });
+                    self.held.push_back((visitor, question));
+                }
+            }
+        }
+    }
+
+    /// The next complete question; those that were held come first.
     pub fn next(&mut self) -> Option<(Visitor, Result<Question, String>)> {
+        match self.held.pop_front() {
+            Some((visitor, question)) => Some((visitor, Ok(question))),
+            None => self.ask(),
+        }
+    }
+
+    /// Lets in who knocks, and returns the next complete question.
+    fn ask(&mut self) -> Option<(Visitor, Result<Question, String>)> {
         while let Ok((stream, _)) = self.listener.accept() {
             if stream.set_nonblocking(true).is_ok() {
                 let heard = Vec::new();
@@ -153,24 +204,88 @@ impl Visitor {
     }
 }
 
-/// Asks a running set and waits for its answer.
+/// How long a set that runs may take to open its socket.
+const OPEN: Duration = Duration::from_secs(60);
+/// A set that does not answer for so long is said to be waited for.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// Asks a running set and waits for its answer; `wait` hears what is waited for meanwhile.
 ///
 /// # Errors
 /// When there is nobody, when they leave, or when they refuse.
-pub fn ask(directory: &Path, question: &Question) -> Result<serde_json::Value> {
-    let path = path(directory);
-    let mut stream = UnixStream::connect(&path).with_context(|| path.display().to_string())?;
+pub fn ask(
+    directory: &Path,
+    question: &Question,
+    mut wait: impl FnMut(&Waiting),
+) -> Result<serde_json::Value> {
+    let name = directory.file_name().unwrap_or_default().to_string_lossy();
+    let mut stream = connect(directory, &name, &mut wait)?;
+    let ended = || format!("instance {name} ended before it answered");
     let mut text = serde_json::to_string(question)?;
     text.push('\n');
-    stream.write_all(text.as_bytes())?;
-    let mut line = String::new();
-    BufReader::new(stream).read_line(&mut line)?;
-    if line.is_empty() {
-        bail!("the run ended before it answered");
+    stream.write_all(text.as_bytes()).with_context(ended)?;
+    stream.set_read_timeout(Some(SILENCE))?;
+    let (mut stream, mut line, mut heard) = (BufReader::new(stream), Vec::new(), false);
+    loop {
+        match stream.read_until(b'\n', &mut line) {
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                if !std::mem::replace(&mut heard, true) {
+                    wait(&Waiting {
+                        what: format!("instance {name} is busy: waiting for its answer"),
+                        ..Waiting::default()
+                    });
+                }
+                continue;
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            read => read.with_context(ended)?,
+        };
+        if line.is_empty() {
+            bail!("{}", ended());
+        }
+        let said = || {
+            format!(
+                "instance {name} answered {:?}",
+                String::from_utf8_lossy(&line)
+            )
+        };
+        match serde_json::from_slice(&line).with_context(said)? {
+            Answer::Done(value) => return Ok(value),
+            Answer::Refused(why) => bail!("{why}"),
+            Answer::Waiting(waiting) => wait(&waiting),
+        }
+        heard = true;
+        line.clear();
     }
-    match serde_json::from_str(&line).with_context(|| format!("the run answered {line:?}"))? {
-        Answer::Done(value) => Ok(value),
-        Answer::Refused(why) => bail!("{why}"),
+}
+
+/// Connects to a set that runs, and may have to open its socket first.
+fn connect(directory: &Path, name: &str, wait: &mut impl FnMut(&Waiting)) -> Result<UnixStream> {
+    let path = path(directory);
+    let root = directory.parent().unwrap_or(directory);
+    let (since, mut said) = (Instant::now(), false);
+    loop {
+        let error = match UnixStream::connect(&path) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => error,
+        };
+        let is_early = matches!(
+            error.kind(),
+            ErrorKind::NotFound | ErrorKind::ConnectionRefused
+        );
+        if !is_early || since.elapsed() > OPEN {
+            return Err(error).with_context(|| path.display().to_string());
+        }
+        if runtime::instance::launcher(root, name).is_none() {
+            bail!("instance {name} does not run any more");
+        }
+        if !std::mem::replace(&mut said, true) {
+            wait(&Waiting {
+                what: format!("instance {name} has only just been started: waiting for it"),
+                ..Waiting::default()
+            });
+        }
+        std::thread::sleep(Duration::from_millis(20));
     }
 }
 
@@ -199,7 +314,7 @@ mod tests {
             implants: None,
         });
         std::thread::scope(|scope| {
-            let client = scope.spawn(|| ask(directory.path(), &asked));
+            let client = scope.spawn(|| ask(directory.path(), &asked, |_| ()));
             let (visitor, question) = loop {
                 if let Some(heard) = door.next() {
                     break heard;

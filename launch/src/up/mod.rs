@@ -4,10 +4,12 @@
 //! on in [`swap`].
 
 mod children;
+mod decisions;
 pub mod door;
 mod heads;
 pub mod plan;
 mod run;
+mod starting;
 mod summary;
 mod supervise;
 mod swap;
@@ -18,6 +20,8 @@ use crate::cli::UpArguments;
 use crate::doctor;
 use crate::failure::Failure;
 use crate::screen::Screen;
+use crate::suspend::Suspension;
+use door::Door;
 use plan::Plan;
 use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
@@ -34,19 +38,22 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     doctor::make_room(is_gridworld, plans).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, plan.clock)?;
-    plan.learn(launcher.arguments())?;
+    let suspension = Suspension::new()?;
+    let mut door = Door::open(&launcher.arguments().directory())?;
     let screen = Screen::new();
     let notes = plan.scene.notes();
     if !notes.is_empty() {
         screen.line(&format!("{}: {}", plan.scene.name, notes.join("; ")));
     }
+    starting::learn(&mut plan, &mut launcher, &mut door, &suspension)?;
     screen.status("starting the processes".to_owned());
-    let mut run = Run::open(plan, &mut launcher, &screen)?;
+    let mut run = Run::open(plan, &mut launcher, door, suspension, &screen)?;
     let ending = run.complete();
     screen.finish();
     let ending = ending?;
     let (plan, tally) = run.close();
-    let summary = Summary::new(&plan, &tally, ending);
+    let mut summary = Summary::new(&plan, &tally, ending);
+    summary.dropped_lines = screen.dropped();
     screen.line(&summary.text());
     if let Some(path) = &plan.summary {
         summary.save(path)?;

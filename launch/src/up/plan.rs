@@ -6,6 +6,7 @@ use crate::inputs;
 use crate::learned::{self, ImplantSource};
 use crate::place::{self, NamedPerson, NamedScene, Place, RobotModel, Who};
 use crate::process::NAMES;
+use crate::screen;
 use anyhow::{Context, Result, bail, ensure};
 use domains::highway::Scene;
 use models::Kind;
@@ -71,12 +72,12 @@ impl Plan {
         let settings = place::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
         let self_model = place::self_model(arguments.self_model.as_deref(), &scene.place)?;
-        let implants = learned::implants(
-            arguments.implants.as_deref(),
-            human,
-            &driver.who,
-            &self_model.1,
-        )?;
+        let exec = replacements(&arguments.exec)?;
+        let implants = match &arguments.implants {
+            // Nobody would use what was learned.
+            None if exec.contains_key("human") => ImplantSource::None,
+            given => learned::implants(given.as_deref(), human, &driver.who, &self_model.1)?,
+        };
         inputs::agree(arguments.planner.name(), human)?;
         let option = |name, path: &Option<PathBuf>| {
             path.as_deref()
@@ -104,7 +105,7 @@ impl Plan {
                 .instance
                 .clone()
                 .unwrap_or_else(|| format!("up-{}", std::process::id())),
-            exec: replacements(&arguments.exec)?,
+            exec,
             spin_us: arguments.spin,
             quiet: arguments.quiet,
             restarts: arguments.restarts,
@@ -158,19 +159,26 @@ impl Plan {
                 changed.exec.remove(name);
             }
         }
+        let learned_by = |human| {
+            learned::implants(
+                asked.implants.as_deref(),
+                human,
+                &self.driver.who,
+                &self.self_model.1,
+            )
+        };
         let Some(kind) = asked.kind.as_deref().filter(|kind| *kind != "same") else {
+            // While another program stood in for it, our own may have had no reason to learn.
+            if name == "human" && asked.exec.is_none() && changed.implants == ImplantSource::None {
+                changed.implants = learned_by(changed.human)?;
+            }
             return Ok(changed);
         };
         match name {
             "human" => {
                 changed.human = inputs::human("swap human", kind)?;
                 changed.modelled = self.driver.who.clone();
-                changed.implants = learned::implants(
-                    asked.implants.as_deref(),
-                    changed.human,
-                    &self.driver.who,
-                    &self.self_model.1,
-                )?;
+                changed.implants = learned_by(changed.human)?;
             }
             "planner" => {
                 changed.planner = inputs::planner(kind)?;
@@ -183,6 +191,24 @@ impl Plan {
             inputs::agree(changed.planner.name(), changed.human)?;
         }
         Ok(changed)
+    }
+
+    /// Whether somebody plans what to communicate.
+    pub fn plans(&self) -> bool {
+        self.planner != PlannerKind::None || self.exec.contains_key("planner")
+    }
+
+    /// What a running set says of itself.
+    pub fn status(&self) -> serde_json::Value {
+        serde_json::json!({
+            "scene": self.scene.name,
+            "driver": self.kind_of_process("driver"),
+            "human": self.kind_of_process("human"),
+            "planner": self.kind_of_process("planner"),
+            "seed": self.seed,
+            "clock": self.clock,
+            "episodes": self.episodes,
+        })
     }
 
     /// What kind of process stands at a place.
@@ -263,6 +289,7 @@ impl Plan {
                     Place::Gridworld(..) => 0.0,
                 },
                 print: !self.quiet,
+                colours: screen::has_colours(),
                 gridworld,
             }),
             "recorder" => plain.with_options(&recorder::Options {

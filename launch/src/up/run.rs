@@ -4,20 +4,20 @@ use super::children::{Children, Ended, Phase};
 use super::door::{Answer, Door, Question};
 use super::heads::Heads;
 use super::plan::Plan;
+use super::starting::{self, READY_NS};
 use super::summary::Ending;
 use super::supervise::{ASK_NS, HANG_NS, Supervisor, border_after_death, next_border};
 use super::swap::{Around, Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
 use crate::screen::Screen;
+use crate::suspend::Suspension;
 use anyhow::{Context, Result};
 use messages::Report;
 use recorder::result::RecorderResult;
 use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
 
 const MS: u64 = 1_000_000;
-/// How long processes may take to read their models and make their ports.
-const READY_NS: u64 = 60_000 * MS;
 /// How often the status line and the counts are brought up to date.
 const LOOK_NS: u64 = 50 * MS;
 /// After the word to stop, a process has this long …
@@ -41,6 +41,7 @@ pub struct Run<'a> {
     heads: Heads,
     supervisor: Supervisor,
     door: Door,
+    suspension: Suspension,
     swap: Option<Swap>,
     ending: Ending,
     started_ns: u64,
@@ -55,11 +56,17 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// When one cannot be started.
-    pub fn open(plan: Plan, launcher: &'a mut Launcher, screen: &'a Screen) -> Result<Self> {
-        let tally = Tally::new(launcher, plan.scene.step_s(), plan.scene.items())?;
+    pub fn open(
+        plan: Plan,
+        launcher: &'a mut Launcher,
+        door: Door,
+        suspension: Suspension,
+        screen: &'a Screen,
+    ) -> Result<Self> {
+        let (step_s, items) = (plan.scene.step_s(), plan.scene.items());
+        let tally = Tally::new(launcher, step_s, items, plan.plans())?;
         let is_gridworld = plan.scene.gridworld().is_some();
         let heads = Heads::new(launcher, plan.scene.step_ns(), is_gridworld)?;
-        let door = Door::open(&launcher.arguments().directory())?;
         let supervisor = Supervisor::new(plan.restarts);
         let mut children = Children::new();
         children.start_all(&plan, launcher, screen)?;
@@ -72,6 +79,7 @@ impl<'a> Run<'a> {
             heads,
             supervisor,
             door,
+            suspension,
             swap: None,
             ending: Ending::default(),
             started_ns: now_ns(),
@@ -120,13 +128,19 @@ impl<'a> Run<'a> {
     }
 
     fn start_watch_stop(&mut self) -> Result<()> {
-        let ready =
-            self.launcher
-                .wait_ready(&NAMES, &self.children.descriptors(), now_ns() + READY_NS);
+        let ready = starting::wait_ready(
+            &self.plan,
+            self.launcher,
+            &mut self.children,
+            &mut self.door,
+            &self.suspension,
+        );
         ready.context("the process set did not start")?;
         self.launcher.start()?;
         self.children.all_speak();
         self.started_ns = now_ns();
+        // Those who asked while the set was starting.
+        self.answer_the_door()?;
         let watched = self.watch();
         self.ending.wall_seconds = (now_ns() - self.started_ns) as f64 * 1e-9;
         watched?;
@@ -143,6 +157,7 @@ impl<'a> Run<'a> {
             let mut watched = self.children.descriptors();
             let living = watched.len();
             watched.extend(self.door.descriptors());
+            watched.push(self.suspension.descriptor());
             match self.launcher.wait(&watched, Some(self.next_look_ns()))? {
                 LauncherWake::Report => {
                     if self.take_reports()? {
@@ -154,7 +169,10 @@ impl<'a> Run<'a> {
                         return Ok(());
                     }
                 }
-                LauncherWake::Child(_) => self.answer_the_door()?,
+                LauncherWake::Child(_) => {
+                    self.suspension.heed(|signal| self.children.suspend(signal));
+                    self.answer_the_door()?;
+                }
                 LauncherWake::Stop => self.ending.ended_early = Some("interrupted".to_owned()),
                 LauncherWake::Deadline => {}
             }
@@ -439,13 +457,12 @@ impl<'a> Run<'a> {
                 })
             })
             .collect();
-        serde_json::json!({
-            "processes": processes,
-            "scene": self.plan.scene.name,
-            "clock": self.plan.clock,
-            "episodes": self.plan.episodes,
-            "steps": self.tally.steps(),
-        })
+        let mut status = self.plan.status();
+        status["phase"] = "driving".into();
+        status["processes"] = processes.into();
+        status["steps"] = self.tally.steps().into();
+        status["dropped_lines"] = self.screen.dropped().into();
+        status
     }
 
     /// Asks everybody to end, then tells them, then makes them.
@@ -456,6 +473,7 @@ impl<'a> Run<'a> {
         let mut told = [false; 2];
         while !self.children.living().is_empty() {
             let ended = self.children.wait(LOOK_NS)?;
+            self.suspension.heed(|signal| self.children.suspend(signal));
             self.take_reports()?;
             self.tally.update()?;
             if let Some(at) = ended {
@@ -505,10 +523,17 @@ impl<'a> Run<'a> {
             .count();
         let said: u64 = episodes.iter().map(|episode| episode.verbal_items).sum();
         let shown: usize = episodes.iter().map(|episode| episode.shown.len()).sum();
-        self.screen.status(format!(
+        let mut text = format!(
             "episode {}/{} · step {step} · {speed:.0} steps/s · {shown} highlights · {said} utterances · {collisions} collisions",
             episodes.len(),
             self.plan.episodes,
-        ));
+        );
+        if let Some(decisions) = self.tally.decisions() {
+            text += &format!(
+                " · {} of {} decisions in time",
+                decisions.in_time, decisions.steps
+            );
+        }
+        self.screen.status(text);
     }
 }

@@ -1,11 +1,13 @@
 //! The end of a run: a table for people, and the same as JSON.
 
+use super::decisions::Decisions;
 use super::plan::Plan;
 use super::supervise::Death;
 use super::swap::SwapReport;
 use super::tally::{Episode, Tally};
 use crate::place::ItemNames;
 use crate::process::NAMES;
+use crate::units::{count, time_us};
 use anyhow::{Context, Result};
 use messages::Report;
 use recorder::result::RecorderResult;
@@ -14,6 +16,9 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
+
+/// Episodes that the text lists.
+const MOST_EPISODES: usize = 40;
 
 /// Compute time per step, in µs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -86,8 +91,8 @@ pub struct Summary {
     pub steps: u64,
     /// Episodes that ended in a collision.
     pub collisions: u64,
-    /// Mean over episodes of an episode's summed reward.
-    pub reward_mean: f64,
+    /// Mean over episodes of an episode's summed reward; none without an episode.
+    pub reward_mean: Option<f64>,
     /// Visual items shown (on the highway, sectors highlighted), summed over steps.
     pub visual_items: u64,
     /// Utterances.
@@ -96,6 +101,9 @@ pub struct Summary {
     pub communication_cost: f64,
     /// Deadlines missed, over all processes; only the real-time clock has any.
     pub missed_deadlines: u64,
+    /// In real time, how many steps had a decision in time; none in lockstep, where everybody waits for it, and without a
+    /// planner.
+    pub decisions: Option<Decisions>,
     /// Messages lost at any port, by topic.
     pub lost_messages: BTreeMap<String, u64>,
     /// Processes started again.
@@ -106,6 +114,8 @@ pub struct Summary {
     pub swaps: Vec<SwapReport>,
     /// Episodes that ended with the world's death.
     pub void_episodes: u32,
+    /// Lines that were not printed because nobody read them.
+    pub dropped_lines: u64,
     /// Seconds from the start of the first episode to the end of the last.
     pub wall_seconds: f64,
     /// Digest of every recorded message of a lockstep run.
@@ -174,7 +184,8 @@ impl Summary {
             episodes: rewards.len() as u32,
             steps: tally.steps(),
             collisions: sum(|episode| u64::from(episode.hit.is_some())),
-            reward_mean: rewards.iter().sum::<f64>() / rewards.len().max(1) as f64,
+            reward_mean: (!rewards.is_empty())
+                .then(|| rewards.iter().sum::<f64>() / rewards.len() as f64),
             visual_items: sum(|episode| episode.visual_items),
             verbal_items: sum(|episode| episode.verbal_items),
             communication_cost: tally
@@ -182,6 +193,7 @@ impl Summary {
                 .iter()
                 .fold(0.0, |sum, episode| sum + episode.communication_cost),
             missed_deadlines: 0,
+            decisions: tally.decisions(),
             lost_messages: BTreeMap::new(),
             restarts: ending.restarts,
             hangs: ending.hangs,
@@ -192,6 +204,7 @@ impl Summary {
                 .skip(1)
                 .filter(|episode| episode.end == "running")
                 .count() as u32,
+            dropped_lines: 0,
             wall_seconds: ending.wall_seconds,
             digest: None,
             compute_us: BTreeMap::new(),
@@ -285,39 +298,67 @@ impl Summary {
     }
 
     fn write_episodes(&self, out: &mut String) {
+        if self.episode_list.is_empty() {
+            return;
+        }
         let _ = writeln!(
             out,
-            "\nepisode  steps  end          reward  highlights  utterances"
+            "\nepisode  steps  end            reward  highlights  utterances"
         );
-        for episode in &self.episode_list {
-            let Episode {
-                episode: number,
-                steps,
-                end,
-                reward,
-                said,
-                shown,
-                ..
-            } = episode;
-            let (highlights, utterances) = (shown.len(), said.len());
-            let _ = writeln!(
-                out,
-                "{number:>7}  {steps:>5}  {end:<11}  {reward:>6.1}  {highlights:>10}  {utterances:>10}"
-            );
-            for said in said {
-                let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
+        // After a long run, its beginning and its end; the summary file has all.
+        let all = self.episode_list.len();
+        let (first, last) = match all > MOST_EPISODES {
+            true => (MOST_EPISODES / 2, all - MOST_EPISODES / 2),
+            false => (all, all),
+        };
+        for episode in &self.episode_list[..first] {
+            self.write_episode(episode, out);
+        }
+        if first < last {
+            let left_out = count((last - first) as u64, "episode");
+            let _ = writeln!(out, "      …  {left_out} more (--summary FILE has all)");
+        }
+        for episode in &self.episode_list[last..] {
+            self.write_episode(episode, out);
+        }
+    }
+
+    fn write_episode(&self, episode: &Episode, out: &mut String) {
+        let Episode {
+            episode: number,
+            steps,
+            end,
+            reward,
+            said,
+            shown,
+            notices,
+            ..
+        } = episode;
+        let (highlights, utterances) = (shown.len(), said.len());
+        let end = match *end {
+            "running" => "not ended",
+            end => end,
+        };
+        let _ = writeln!(
+            out,
+            "{number:>7}  {steps:>5}  {end:<11}  {reward:>8.1}  {highlights:>10}  {utterances:>10}"
+        );
+        for said in said {
+            let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
+        }
+        for name in self.items.visual {
+            let mut of_item = shown.iter().filter(|shown| shown.item == *name).peekable();
+            if let Some(first) = of_item.peek() {
+                let from_s = first.time_s;
+                let lit_s = of_item.fold(0.0, |sum, shown| sum + shown.duration_s);
+                let _ = writeln!(
+                    out,
+                    "         {from_s:>6.2} s  highlighted {name}, for {lit_s:.1} s in all"
+                );
             }
-            for name in self.items.visual {
-                let mut of_item = shown.iter().filter(|shown| shown.item == *name).peekable();
-                if let Some(first) = of_item.peek() {
-                    let from_s = first.time_s;
-                    let lit_s = of_item.fold(0.0, |sum, shown| sum + shown.duration_s);
-                    let _ = writeln!(
-                        out,
-                        "         {from_s:>6.2} s  highlighted {name}, for {lit_s:.1} s in all"
-                    );
-                }
-            }
+        }
+        for notice in notices {
+            let _ = writeln!(out, "         {:>6.2} s  {}", notice.time_s, notice.text);
         }
     }
 
@@ -336,24 +377,44 @@ impl Summary {
             out,
             "\nscene {scene} · driver {driver} · human model {human} · planner {planner} · seed {seed}"
         );
-        let _ = writeln!(
+        let seconds = self.wall_seconds;
+        let _ = write!(
             out,
-            "{episodes} episodes, {steps} steps in {:.1} s ({:.0} steps/s) · {} with a collision · mean reward {:.1}",
-            self.wall_seconds,
-            *steps as f64 / self.wall_seconds.max(1e-9),
+            "{}, {} in {} ({:.0} steps/s) · {} with a collision",
+            count(u64::from(*episodes), "whole episode"),
+            count(*steps, "step"),
+            time_us(seconds * 1e6),
+            *steps as f64 / seconds.max(1e-9),
             self.collisions,
-            self.reward_mean,
         );
-        let _ = writeln!(
+        let _ = match self.reward_mean {
+            Some(mean) => writeln!(out, " · mean reward {mean:.1}"),
+            None => writeln!(out),
+        };
+        let _ = write!(
             out,
-            "highlighted {} × steps {} · utterances {} · cost {:.2} · missed deadlines {} · restarts {}",
-            self.items.word,
-            self.visual_items,
-            self.verbal_items,
-            self.communication_cost,
-            self.missed_deadlines,
-            self.restarts,
+            "highlighted {} × steps {} · utterances {} · cost {:.2}",
+            self.items.word, self.visual_items, self.verbal_items, self.communication_cost,
         );
+        let _ = match self.clock {
+            ClockMode::Lockstep => write!(out, " · lockstep"),
+            ClockMode::RealTime => write!(
+                out,
+                " · real time, missed deadlines of all processes {}",
+                self.missed_deadlines
+            ),
+        };
+        let _ = writeln!(out, " · restarts {}", self.restarts);
+        if let Some(decisions) = &self.decisions {
+            let _ = match decisions.keeps_up() {
+                true => writeln!(out, "decisions: {}", decisions.text()),
+                false => writeln!(
+                    out,
+                    "NOT ASSISTED IN TIME: {} (`mirror doctor` says what this machine can do)",
+                    decisions.text()
+                ),
+            };
+        }
         let lost: Vec<_> = self
             .lost_messages
             .iter()
@@ -363,7 +424,7 @@ impl Summary {
             let _ = writeln!(out, "no message lost");
         }
         for (topic, lost) in lost {
-            let _ = writeln!(out, "LOST {lost} messages on {topic}");
+            let _ = writeln!(out, "LOST {} on {topic}", count(*lost, "message"));
         }
         if let Some(digest) = &self.digest {
             let _ = writeln!(out, "digest {digest}");
@@ -407,7 +468,11 @@ impl Summary {
             let _ = writeln!(out, "… {} deaths in all", self.deaths.len());
         }
         if self.void_episodes > 0 {
-            let _ = writeln!(out, "{} episodes void", self.void_episodes);
+            let _ = writeln!(
+                out,
+                "{} void",
+                count(u64::from(self.void_episodes), "episode")
+            );
         }
         for swap in &self.swaps {
             let (episode, step) = swap.border.unwrap_or_default();
@@ -420,9 +485,12 @@ impl Summary {
     }
 
     fn write_processes(&self, out: &mut String) {
+        if self.compute_us.is_empty() {
+            return;
+        }
         let _ = writeln!(
             out,
-            "\ncompute time per step (µs)     p50       p90       p99     p99.9       max   allocations"
+            "\ncompute time per step      p50       p90       p99     p99.9       max   allocations"
         );
         for name in NAMES {
             let (Some(times), Some(process)) =
@@ -436,12 +504,10 @@ impl Summary {
                 p99,
                 p999,
                 max,
-            } = times;
-            let allocations = process.allocations;
-            let _ = writeln!(
-                out,
-                "  {name:<20}{p50:>12.1}{p90:>10.1}{p99:>10.1}{p999:>10.1}{max:>10.1}{allocations:>14}"
-            );
+            } = *times;
+            let columns = [p50, p90, p99, p999, max].map(|us| format!("{:>10}", time_us(us)));
+            let (columns, allocations) = (columns.concat(), process.allocations);
+            let _ = writeln!(out, "  {name:<18}{columns}{allocations:>14}");
         }
     }
 }

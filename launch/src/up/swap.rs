@@ -4,7 +4,7 @@
 //! Until the border is crossed, whatever goes wrong leaves the old process in charge.
 
 use super::children::{Children, Phase};
-use super::door::{Answer, Replacement, Visitor};
+use super::door::{Answer, Replacement, Visitor, Waiting};
 use super::heads::Heads;
 use super::plan::Plan;
 use super::supervise::{Supervisor, border_after_death};
@@ -31,6 +31,8 @@ const OWED_NS: u64 = 2_000 * MS;
 const AFTERWARDS: u32 = 4;
 /// How long crossing the border may take; in lockstep a driver's or a world's episode has to end first.
 const CROSS_NS: u64 = 600_000 * MS;
+/// How often who asked is told what is waited for.
+const TELL_NS: u64 = 1_000 * MS;
 /// Agreements tried before giving up: each looks twice as far ahead.
 const MOST_TRIES: u32 = 5;
 
@@ -94,6 +96,8 @@ pub struct Swap {
     border: Position,
     before: (u64, u64, u64),
     report: SwapReport,
+    /// When the visitor was last told what is waited for, and of which stage.
+    told: Option<(u64, u64)>,
 }
 
 /// What a swap needs of the run.
@@ -157,6 +161,7 @@ impl Swap {
             border: NEVER,
             before: (0, 0, 0),
             report,
+            told: None,
         };
         if swap.plan.must_learn() {
             let (mut plan, run) = (swap.plan.clone(), around.launcher.arguments().clone());
@@ -259,7 +264,60 @@ impl Swap {
             }
             _ => {}
         }
+        self.tell_waiting(around);
         Ok(None)
+    }
+
+    /// Tells who asked what is waited for: at once where that will take long, else after a second, and then once a second.
+    fn tell_waiting(&mut self, around: &Around) {
+        let now = now_ns();
+        let takes_long = match self.stage {
+            Stage::Learning(_) => true,
+            Stage::Crossing => self.waits_for_episode(),
+            _ => false,
+        };
+        let due_ns = match self.told {
+            Some((since_ns, told_ns)) if since_ns == self.since_ns => told_ns + TELL_NS,
+            _ if takes_long => 0,
+            _ => self.since_ns + TELL_NS,
+        };
+        if now < due_ns {
+            return;
+        }
+        let waiting = Waiting {
+            what: format!("{}: {}", self.report.process, self.waits_for()),
+            so_far: around
+                .heads
+                .newest(WORLD)
+                .map_or(String::new(), |(episode, step)| {
+                    format!("episode {episode} is at step {step}")
+                }),
+        };
+        if let Some(visitor) = &mut self.visitor {
+            visitor.tell_waiting(waiting);
+        }
+        self.told = Some((self.since_ns, now));
+    }
+
+    /// What the present stage waits for, in words.
+    fn waits_for(&self) -> String {
+        let to = &self.report.to;
+        match self.stage {
+            Stage::Learning(_) => format!("{to} learns what it takes of the person"),
+            Stage::Starting => format!("{to} starts"),
+            Stage::CatchingUp => format!("{to} reads along until it has caught up"),
+            Stage::AskingNew | Stage::AskingOld => "old and new agree when to change".to_owned(),
+            Stage::TakingOver => format!("the old one died, and {to} goes on in its place"),
+            Stage::Crossing if self.waits_for_episode() => {
+                let before = self.border.0.saturating_sub(1);
+                format!("changes between two episodes: {to} waits for the end of episode {before}")
+            }
+            Stage::Crossing => {
+                let (episode, step) = self.border;
+                format!("{to} waits for episode {episode}, step {step}")
+            }
+            Stage::Settling => format!("{to} has taken over; its first steps are watched"),
+        }
     }
 
     /// Takes in what a process said; only of the new one and the old one.

@@ -1,9 +1,10 @@
 //! Counts what happens in a run from the messages themselves: rewards, collisions, what was shown and said, and when.
 
+use super::decisions::{DecisionCount, Decisions};
 use crate::place::ItemNames;
 use anyhow::Result;
-use messages::{CommAction, Display, Outcome, VISUAL_ITEMS, topic};
-use runtime::{Input, InputOptions, Launcher, StageTimer, text_of};
+use messages::{CommAction, Display, Outcome, Utterance, VISUAL_ITEMS, topic};
+use runtime::{ClockMode, Input, InputOptions, Launcher, StageTimer, text_of};
 use serde::Serialize;
 
 /// Something said.
@@ -13,6 +14,15 @@ pub struct Said {
     pub time_s: f64,
     /// The item that it was about: on the highway, a sector.
     pub item: &'static str,
+    /// The words.
+    pub text: String,
+}
+
+/// What the person was told of the assistant itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Notice {
+    /// Simulated seconds since the episode began.
+    pub time_s: f64,
     /// The words.
     pub text: String,
 }
@@ -51,6 +61,8 @@ pub struct Episode {
     pub said: Vec<Said>,
     /// Highlights, in order of their beginnings.
     pub shown: Vec<Shown>,
+    /// What the person was told of the assistant itself: that it does not keep up, and that it does again.
+    pub notices: Vec<Notice>,
     /// For each visual item, the place in `shown` of the highlight that lasts.
     #[serde(skip)]
     lit: [Option<usize>; VISUAL_ITEMS],
@@ -65,6 +77,8 @@ pub struct Tally {
     display: Input<Display>,
     decision: Input<CommAction>,
     step_s: f64,
+    /// In real time, what came of the decisions.
+    decisions: Option<DecisionCount>,
     /// What can be communicated.
     pub items: ItemNames,
     /// Every episode that began.
@@ -76,11 +90,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Listens without being woken; call [`Tally::update`] some times a second.
+    /// Listens without being woken; call [`Tally::update`] some times a second. `plans`: whether there is a planner.
     ///
     /// # Errors
     /// When a port cannot be made.
-    pub fn new(launcher: &Launcher, step_s: f64, items: ItemNames) -> Result<Self> {
+    pub fn new(launcher: &Launcher, step_s: f64, items: ItemNames, plans: bool) -> Result<Self> {
         let clock = launcher.arguments().clock;
         Ok(Self {
             outcome: launcher.input_with(topic::OUTCOME, InputOptions::recorder())?,
@@ -91,6 +105,10 @@ impl Tally {
                 .input_with(topic::COMM_ACTION, InputOptions::recorder())?
                 .once_in(clock),
             step_s,
+            decisions: match clock {
+                ClockMode::Lockstep => None,
+                ClockMode::RealTime => Some(DecisionCount::new(plans)),
+            },
             items,
             episodes: Vec::new(),
             sensing_to_display: StageTimer::new(),
@@ -104,6 +122,9 @@ impl Tally {
     /// When a port fails.
     pub fn update(&mut self) -> Result<()> {
         while let Some(decision) = self.decision.next()? {
+            if let Some(decisions) = &mut self.decisions {
+                decisions.decide(decision);
+            }
             self.sensing_to_decision.record(
                 decision
                     .header
@@ -128,6 +149,9 @@ impl Tally {
             );
         }
         while let Some(outcome) = self.outcome.next()? {
+            if let Some(decisions) = &mut self.decisions {
+                decisions.begin(outcome);
+            }
             entry(&mut self.episodes, outcome.header.episode).step(outcome);
         }
         Ok(())
@@ -140,6 +164,12 @@ impl Tally {
             (topic::DISPLAY, self.display.lost()),
             (topic::COMM_ACTION, self.decision.lost()),
         ]
+    }
+
+    /// What came of the decisions, where there is a deadline for them and somebody to make them.
+    pub fn decisions(&self) -> Option<Decisions> {
+        let so_far = self.decisions.as_ref()?.so_far;
+        (so_far.steps > 0).then_some(so_far)
     }
 
     /// Control steps of all episodes.
@@ -211,6 +241,11 @@ impl Episode {
             .iter()
             .take(display.utterance_count as usize)
         {
+            if utterance.kind == Utterance::NOTICE {
+                let text = text_of(&utterance.text);
+                self.notices.push(Notice { time_s, text });
+                continue;
+            }
             self.verbal_items += 1;
             let name = items
                 .verbal

@@ -18,6 +18,9 @@ pub struct Options {
     pub speech_interval_s: f32,
     /// Whether events are written to the standard output.
     pub print: bool,
+    /// Whether they are written in colours, though the standard output is a pipe: there is a terminal at its end.
+    #[serde(default)]
+    pub colours: bool,
     /// The gridworld's scene; none on the highway.
     #[serde(default)]
     pub gridworld: Option<Scene>,
@@ -30,6 +33,7 @@ impl Default for Options {
             step_s: 0.15,
             speech_interval_s: 3.5,
             print: true,
+            colours: false,
             gridworld: None,
         }
     }

@@ -41,6 +41,7 @@ impl<W: Write> Events<W> {
         let sector = SECTOR_NAMES.get(utterance.item as usize).unwrap_or(&"?");
         let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
         match utterance.kind {
+            Utterance::NOTICE => self.lines.notice(step, utterance),
             0 => self
                 .lines
                 .line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),

@@ -4,7 +4,7 @@ use crate::content::Options;
 use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
 use domains::discrete::{Domain, Layout, Words, sentence};
-use messages::{CommAction, Display, Observation, Outcome, PICTURE_BYTES, Picture};
+use messages::{CommAction, Display, Observation, Outcome, PICTURE_BYTES, Picture, Utterance};
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -130,6 +130,10 @@ impl<W: Write> Tell for GridEvents<W> {
         }
         let spoken = (display.utterance_count as usize).min(display.utterances.len());
         for utterance in &display.utterances[..spoken] {
+            if utterance.kind == Utterance::NOTICE {
+                self.lines.notice(step, utterance)?;
+                continue;
+            }
             let text = text_of(utterance);
             self.lines
                 .line(step, CYAN, "SAY", format_args!("“{text}”"))?;

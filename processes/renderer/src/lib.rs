@@ -1,10 +1,12 @@
 //! The renderer: turns the planner's decision for a step into highlights and utterances, and tells the terminal.
 
+mod assistance;
 mod content;
 mod events;
 mod gridworld;
 mod lines;
 mod render;
+mod unhurried;
 
 pub use content::{Options, Renderer};
 pub use events::Events;
@@ -12,10 +14,12 @@ pub use gridworld::{GridEvents, GridRenderer};
 pub use render::{Render, Tell};
 
 use anyhow::Result;
+use assistance::Assistance;
 use messages::{CommAction, Display, Outcome, Picture, Sensed, topic};
 use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake};
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
+use unhurried::Unhurried;
 
 /// Joins the run and renders until it ends.
 ///
@@ -25,7 +29,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let mut node = Node::join(arguments)?;
     let result = match &options.gridworld {
         None => {
-            let events = |colours| Events::new(io::stdout(), colours, options);
+            let events = |colours| Events::new(Unhurried::new(io::stdout()), colours, options);
             let renderer = Renderer::new(options);
             render(&mut node, options, renderer, events)
         }
@@ -34,7 +38,8 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
             .map_err(Into::into)
             .and_then(|(layout, words)| {
                 let told = Arc::clone(&layout);
-                let events = |colours| GridEvents::new(io::stdout(), colours, options, told);
+                let events =
+                    |colours| GridEvents::new(Unhurried::new(io::stdout()), colours, options, told);
                 let renderer = GridRenderer::new(layout, words);
                 render(&mut node, options, renderer, events)
             }),
@@ -54,7 +59,8 @@ fn render<R: Render, T: Tell<Sensed = R::Sensed>>(
     renderer: R,
     events: impl FnOnce(bool) -> T,
 ) -> Result<()> {
-    let events = options.print.then(|| events(io::stdout().is_terminal()));
+    let colours = options.colours || io::stdout().is_terminal();
+    let events = options.print.then(|| events(colours));
     let mut process = Process::new(node, renderer, events)?;
     match node.arguments().clock {
         ClockMode::Lockstep => process.lockstep(node),
@@ -71,6 +77,8 @@ struct Process<R: Render, T> {
     /// What a predecessor showed, for one that joins late.
     shown: Option<Input<Display>>,
     renderer: R,
+    /// Real time only: in lockstep every step has its decision.
+    assistance: Option<Assistance>,
     events: Option<T>,
 }
 
@@ -95,6 +103,10 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
                 true => Some(node.input_with(topic::DISPLAY, asleep)?.uncounted()),
             },
             renderer,
+            assistance: match node.arguments().clock {
+                ClockMode::Lockstep => None,
+                ClockMode::RealTime => Some(Assistance::default()),
+            },
             events,
         })
     }
@@ -121,7 +133,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
                     _ => {}
                 }
             }
-            self.show(node)?;
+            self.show(node, true)?;
             node.end_step();
         }
         self.tell_outcomes(node)
@@ -141,7 +153,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
             let decided = self.decision.take()?;
             if is_new || (decided && self.is_late()) {
                 node.count_missed(u64::from(!is_new));
-                self.show(node)?;
+                self.show(node, is_new)?;
                 node.end_step();
             } else {
                 self.tell_outcomes(node)?;
@@ -156,7 +168,8 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
         self.decision.header().map(place) <= self.sensed.header().map(place)
     }
 
-    fn show(&mut self, node: &Node) -> Result<()> {
+    /// Shows the frame that is sensed now; `is_new`: for the first time.
+    fn show(&mut self, node: &Node, is_new: bool) -> Result<()> {
         self.tell_outcomes(node)?;
         let (Some(sensed), Some(header)) = (self.sensed.message(), self.sensed.header()) else {
             return Ok(());
@@ -175,6 +188,9 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
         let mut display = self.display.loan()?;
         self.renderer
             .render(sensed, self.decision.message(), &mut display);
+        if let Some(assistance) = self.assistance.as_mut().filter(|_| is_new) {
+            assistance.look(header, self.decision.message(), &mut display);
+        }
         if let Some(events) = &mut self.events
             && node.speaks(episode, step)
         {

@@ -59,6 +59,14 @@ impl<W: Write> Lines<W> {
         self.line(step, BOLD, "END", format_args!("episode {episode}: {how}"))
     }
 
+    /// Tells what the person is told of the assistant itself.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn notice(&mut self, step: u32, utterance: &Utterance) -> io::Result<()> {
+        self.line(step, RED, "NOTE", format_args!("{}", text_of(utterance)))
+    }
+
     /// A drawing of several lines.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! What a world lets be sensed: a message of its domain's, on a topic of its own, at which every step begins.
 
-use crate::{Display, LidarFrame, Message, Observation, VERBAL, domain, topic};
+use crate::{Display, LidarFrame, Message, Observation, Utterance, VERBAL, domain, topic};
 
 /// What is sensed at a step. Loops over it are the same in every domain.
 pub trait Sensed: Message {
@@ -37,6 +37,27 @@ impl Observation {
     /// The verbal modality.
     pub fn verbal(&self) -> &[f32] {
         &self.verbal[..self.verbal.len().min(self.verbal_len as usize)]
+    }
+}
+
+impl Utterance {
+    /// [`Utterance::kind`] of a notice: the text is about the assistant itself, and about no item.
+    pub const NOTICE: u32 = 4;
+
+    /// A notice, as much of it as fits.
+    pub fn notice(text: &str) -> Self {
+        let mut notice = Self {
+            item: u32::MAX,
+            kind: Self::NOTICE,
+            ..Self::ZERO
+        };
+        // A zero follows.
+        let mut end = text.len().min(notice.text.len() - 1);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        notice.text[..end].copy_from_slice(&text.as_bytes()[..end]);
+        notice
     }
 }
 

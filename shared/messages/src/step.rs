@@ -190,9 +190,9 @@ message! {
     pub struct Utterance, "2" {
         /// What is said; in memory, zero-padded UTF-8.
         pub text: [u8; 64] as text,
-        /// The verbal item: on the highway, the sector it is about.
+        /// The verbal item: on the highway, the sector it is about. `u32::MAX` for a notice.
         pub item: u32,
-        /// 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds).
+        /// 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds); 4 a notice about the assistant itself.
         pub kind: u32,
         /// Highway: range of the nearest car there in m; 40 for none.
         pub range_m: f32,

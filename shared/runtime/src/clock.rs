@@ -1,7 +1,85 @@
-//! Time: the monotonic clock that all processes share, and the real-time ticker.
+//! Time: the clock that all processes of a run share, and the real-time ticker.
+//!
+//! The clock is `CLOCK_MONOTONIC` without the time for which the whole set was suspended. Its launcher notes that time on a
+//! page of memory that every process maps, while all of them are stopped: nobody sees the clock jump, no deadline passes
+//! meanwhile, and no latency contains the pause.
 
-/// Nanoseconds of `CLOCK_MONOTONIC`, the same in all processes of a machine.
+use core::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+use std::fs::OpenOptions;
+use std::io;
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+
+/// The page's file in an instance's directory.
+const PAGE: &str = "clock";
+
+/// Nanoseconds for which the set was suspended; null as long as this process has joined none. Once mapped, a page stays:
+/// another thread may be reading it.
+static SUSPENDED_NS: AtomicPtr<AtomicU64> = AtomicPtr::new(core::ptr::null_mut());
+
+/// The page with the time for which the set was suspended, if this process has joined one.
+fn suspended() -> Option<&'static AtomicU64> {
+    // SAFETY: null, or a page that stays mapped and is only accessed as this atomic number.
+    unsafe { SUSPENDED_NS.load(Ordering::Acquire).as_ref() }
+}
+
+/// Follows the clock of the instance with this directory, from now on; one without a launcher has no directory, and nobody
+/// who would suspend it.
+///
+/// # Errors
+/// When the page's file cannot be made, opened or mapped.
+pub(crate) fn follow(directory: &Path) -> io::Result<()> {
+    let opened = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .mode(0o600)
+        .custom_flags(libc::O_NOFOLLOW)
+        .open(directory.join(PAGE));
+    let file = match opened {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        opened => opened?,
+    };
+    file.set_len(size_of::<AtomicU64>() as u64)?;
+    // SAFETY: maps the first bytes of an open file, as many as it has, at an address of the system's choice. A mapping
+    // begins at a page's border, which is aligned for the number.
+    let page = unsafe {
+        libc::mmap(
+            core::ptr::null_mut(),
+            size_of::<AtomicU64>(),
+            libc::PROT_READ | libc::PROT_WRITE,
+            libc::MAP_SHARED,
+            file.as_raw_fd(),
+            0,
+        )
+    };
+    if page == libc::MAP_FAILED {
+        return Err(io::Error::last_os_error());
+    }
+    SUSPENDED_NS.store(page.cast(), Ordering::Release);
+    Ok(())
+}
+
+/// Does something, usually being stopped, during which the run's clock stands still; for a launcher while its processes
+/// are stopped.
+pub fn stand_still(meanwhile: impl FnOnce()) {
+    let before = monotonic_ns();
+    meanwhile();
+    if let Some(suspended) = suspended() {
+        suspended.fetch_add(monotonic_ns() - before, Ordering::AcqRel);
+    }
+}
+
+/// Nanoseconds of the run's clock, the same in all processes of a run.
 pub fn now_ns() -> u64 {
+    let stood_still = suspended().map_or(0, |ns| ns.load(Ordering::Acquire));
+    monotonic_ns().saturating_sub(stood_still)
+}
+
+/// Nanoseconds of `CLOCK_MONOTONIC`.
+fn monotonic_ns() -> u64 {
     let mut time = libc::timespec {
         tv_sec: 0,
         tv_nsec: 0,

@@ -39,7 +39,7 @@ mod transport;
 
 pub use alloc_count::CountingAllocator;
 pub use arguments::{ClockMode, RunArguments};
-pub use clock::{Ticker, now_ns};
+pub use clock::{Ticker, now_ns, stand_still};
 pub use digest::Digest;
 pub use error::{InstanceError, NodeError, PortError};
 pub use imagine::{RequestClient, RequestServer};
@@ -53,5 +53,5 @@ pub use report::state;
 pub use role::{NEVER, Position};
 pub use room::{OPEN_FILES_NEEDED, open_files, shared_memory_free, shared_memory_needed};
 pub use service::{DEFAULT_BUFFER, HISTORY, RECORDER_BUFFER};
-pub use signal::name_thread;
+pub use signal::{name_thread, stop_requested};
 pub use timing::StageTimer;

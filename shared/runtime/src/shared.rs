@@ -1,7 +1,7 @@
 //! What a node and its ports have in common: iceoryx2's node, the run, and the clock of the current step.
 
 use crate::arguments::RunArguments;
-use crate::clock::now_ns;
+use crate::clock::{self, now_ns};
 use crate::error::NodeError;
 use crate::input::Counter;
 use crate::output::Connect;
@@ -37,6 +37,8 @@ impl Shared {
             reason,
         };
         let config = instance::config(&arguments.root, &arguments.instance)?;
+        clock::follow(&arguments.directory())
+            .map_err(|error| failed(format!("the run's clock: {error}")))?;
         let name =
             NodeName::new(&arguments.process).map_err(|error| failed(format!("{error:?}")))?;
         let node = NodeBuilder::new()

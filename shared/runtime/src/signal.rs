@@ -1,4 +1,5 @@
-//! How a process learns that it has to end: SIGTERM, SIGINT, or its launcher's death.
+//! How a process learns that it has to end: SIGTERM, SIGINT, SIGHUP unless it was ignored from the start, or its launcher's
+//! death.
 //!
 //! The handlers only set a flag and write to an event descriptor, which every wait polls; so no wait can miss a signal
 //! that came just before it. The launcher's death arrives twice over: as SIGHUP by `PR_SET_PDEATHSIG`, and through a
@@ -17,7 +18,7 @@ static LAUNCHER: AtomicI32 = AtomicI32::new(0);
 static INSTALLED: OnceLock<Result<(), i32>> = OnceLock::new();
 
 /// Whether this process has been told to end.
-pub(crate) fn stop_requested() -> bool {
+pub fn stop_requested() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
@@ -63,6 +64,16 @@ fn system(call: &'static str) -> NodeError {
     }
 }
 
+/// Whether this process was started, as by `nohup`, with a signal ignored.
+fn is_ignored(signal: libc::c_int) -> bool {
+    // SAFETY: asks for the present action, into a live structure.
+    unsafe {
+        let mut action: libc::sigaction = core::mem::zeroed();
+        libc::sigaction(signal, core::ptr::null(), &mut action) == 0
+            && action.sa_sigaction == libc::SIG_IGN
+    }
+}
+
 /// Installs the handlers, once per process.
 pub(crate) fn install() -> Result<(), NodeError> {
     let installed = INSTALLED.get_or_init(|| {
@@ -73,7 +84,10 @@ pub(crate) fn install() -> Result<(), NodeError> {
                 return Err(*libc::__errno_location());
             }
             STOP_DESCRIPTOR.store(descriptor, Ordering::Relaxed);
-            for signal in [libc::SIGTERM, libc::SIGINT] {
+            for signal in [libc::SIGTERM, libc::SIGINT, libc::SIGHUP] {
+                if signal == libc::SIGHUP && is_ignored(signal) {
+                    continue; // `nohup`
+                }
                 let mut action: libc::sigaction = core::mem::zeroed();
                 action.sa_sigaction = on_stop as *const () as usize;
                 action.sa_flags = libc::SA_RESTART;

@@ -1,0 +1,275 @@
+//! Whether this machine keeps up in real time: some plans as `mirror up` makes them by default, against the length of a step.
+//!
+//! The human model answers from a thread of its own, as its process does in a set.
+
+use crate::console::out;
+use crate::place;
+use anyhow::{Context, Result, bail};
+use models::imagined::ImaginedGroups;
+use models::{Beliefs, Communicated, HumanModel, Implants, Observations, SelfHuman, SelfModel};
+use nn::Tensor;
+use place::RobotModel;
+use planning::planner::{From, GROUPS, Planner};
+use planning::{ImaginedPeople, PeopleError, Settings};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+/// The scene of `mirror up` without options.
+const SCENE: &str = "highway-fog";
+/// Plans are made for so long …
+const PATIENCE: Duration = Duration::from_secs(3);
+/// … but at least so many …
+const LEAST_PLANS: usize = 5;
+/// … and at most so many.
+const MOST_PLANS: usize = 40;
+/// Sensing, filtering and showing have to fit into a step as well: plans may take this much of it.
+const SHARE: f64 = 0.85;
+
+/// What was measured.
+struct Pace {
+    /// Each plan, in ms, in ascending order.
+    plans_ms: Vec<f64>,
+    step_ms: f64,
+    settings: Settings,
+}
+
+/// Measures, for some seconds, and says what it means.
+///
+/// # Errors
+/// When the scene or the self-model that ship cannot be used.
+pub fn report() -> Result<()> {
+    out!("Real time (mirror up --clock realtime)");
+    let pace = measure()?;
+    for line in pace.lines() {
+        out!("  {line}");
+    }
+    Ok(())
+}
+
+impl Pace {
+    /// The plan that so large a share of plans is not slower than, in ms.
+    fn at(&self, quantile: f64) -> f64 {
+        let last = self.plans_ms.len() - 1;
+        self.plans_ms[(quantile * last as f64).ceil() as usize]
+    }
+
+    /// In words.
+    fn lines(&self) -> Vec<String> {
+        let (p50, p99, step) = (self.at(0.5), self.at(0.99), self.step_ms);
+        let mut lines = vec![format!(
+            "a plan of the default scene takes {p50:.0} ms (p50), {p99:.0} ms (p99, of {} plans); a step lasts {step:.0} ms",
+            self.plans_ms.len()
+        )];
+        if p99 <= SHARE * step {
+            lines.push("this machine keeps up: decisions come in time".to_owned());
+            return lines;
+        }
+        lines.push(match p50 <= SHARE * step {
+            true => "this machine keeps up most of the time only: some decisions will come late",
+            false => {
+                "this machine does NOT keep up: most decisions will come late or never, and the person drives on without them"
+            }
+        }
+        .to_owned());
+        // A plan takes as long as it imagines futures.
+        let fitting = self.settings.samples as f64 * SHARE * step / p99;
+        let samples = (fitting / 50.0).floor() as usize * 50;
+        lines.push("lockstep, the default, waits for every decision".to_owned());
+        if samples >= 100 {
+            let elites = samples * self.settings.elites / self.settings.samples;
+            lines.push(format!(
+                "plans that would be in time: [planning] samples = {samples}, elites = {elites} in a scene file, in place of {} and {}",
+                self.settings.samples, self.settings.elites
+            ));
+        }
+        lines
+    }
+}
+
+fn measure() -> Result<Pace> {
+    let (scene, _) = place::scene(SCENE, None, "sim:1")?;
+    let settings = place::settings(&scene)?;
+    let (_, RobotModel::Highway(model)) = place::self_model(None, &scene.place)? else {
+        bail!("{SCENE} is a scene of the highway");
+    };
+    let latent = model.sizes.latent;
+    let (mut mean, mut std) = (Tensor::new(latent, 1), Tensor::new(latent, 1));
+    nn::noise::fill(mean.data_mut(), 5, 0);
+    std.fill(0.3);
+    let mut person = Beliefs::new(latent, 1);
+    person.fresh = false;
+    person.mean.copy_from(&mean);
+    person.deviation.copy_from(&std);
+    let mut people = ThreadedPeople::new(&model, person, settings.samples / GROUPS);
+    let mut planner = Planner::new(settings, &model);
+    let mut plans_ms = Vec::new();
+    let since = Instant::now();
+    for step in 0..=MOST_PLANS {
+        let from = From {
+            mean: &mean,
+            deviation: &std,
+            known_action: Some([0.4, 0.0]),
+            speech_ready_steps: 0,
+            seed: 1,
+            episode: 0,
+            step: step as u32,
+        };
+        let began = Instant::now();
+        planner
+            .plan(&model, from, &mut people)
+            .context("a plan to measure")?;
+        // The first one makes its memory.
+        if step > 0 {
+            plans_ms.push(began.elapsed().as_secs_f64() * 1e3);
+        }
+        if plans_ms.len() >= LEAST_PLANS && since.elapsed() > PATIENCE {
+            break;
+        }
+    }
+    plans_ms.sort_by(f64::total_cmp);
+    Ok(Pace {
+        plans_ms,
+        step_ms: scene.step_ns() as f64 * 1e-6,
+        settings,
+    })
+}
+
+/// A question on its way to the other thread, or its answer on its way back; made once per group.
+struct Parcel {
+    group: usize,
+    rows: usize,
+    seed: u64,
+    known_action: Option<[f32; 2]>,
+    starts: bool,
+    observations: Observations,
+    communicated: Vec<Communicated>,
+    actions: Tensor,
+}
+
+/// A human model in another thread.
+struct ThreadedPeople {
+    to: SyncSender<Box<Parcel>>,
+    back: Receiver<Box<Parcel>>,
+    idle: [Option<Box<Parcel>>; GROUPS],
+}
+
+impl ThreadedPeople {
+    /// `rows`: people in a group. What the implants have learned takes no time: these have learned nothing.
+    fn new(model: &Arc<SelfModel>, person: Beliefs, rows: usize) -> Self {
+        let (to, questions) = sync_channel::<Box<Parcel>>(GROUPS);
+        let (answers, back) = sync_channel::<Box<Parcel>>(GROUPS);
+        let (latent, shape) = (model.sizes.latent, model.sizes.shape);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let implants = Implants::new(latent, shape.action, true, &mut rng);
+        let mut human = SelfHuman::new(model.clone(), Some(implants));
+        std::thread::spawn(move || {
+            let mut groups = ImaginedGroups::new(human.latent(), shape.action, GROUPS, rows);
+            while let Ok(mut p) = questions.recv() {
+                let human = &mut human;
+                let known = p.known_action.as_ref().map(|action| &action[..]);
+                let actions = match p.starts {
+                    true => groups.start(human, &person, p.group, p.rows, p.seed, known),
+                    false => groups.step(human, p.group, &p.observations, &p.communicated, p.seed),
+                };
+                // Without an answer the other side hears that nobody is there.
+                let Ok(actions) = actions else { return };
+                p.actions.copy_from(actions);
+                if answers.send(p).is_err() {
+                    return;
+                }
+            }
+        });
+        let idle = std::array::from_fn(|group| {
+            Some(Box::new(Parcel {
+                group,
+                rows,
+                seed: 0,
+                known_action: None,
+                starts: true,
+                observations: Observations::new(&shape, rows),
+                communicated: vec![Communicated::default(); rows],
+                actions: Tensor::new(shape.action, rows),
+            }))
+        });
+        Self { to, back, idle }
+    }
+
+    fn send(&mut self, group: usize, fill: impl FnOnce(&mut Parcel)) -> Result<(), PeopleError> {
+        let mut parcel = self.idle[group].take().ok_or_else(gone)?;
+        fill(&mut parcel);
+        self.to.send(parcel).map_err(|_| gone())
+    }
+}
+
+fn gone() -> PeopleError {
+    PeopleError::Unreachable("its thread has ended".to_owned())
+}
+
+impl ImaginedPeople for ThreadedPeople {
+    fn start(
+        &mut self,
+        group: usize,
+        rows: usize,
+        seed: u64,
+        known_action: Option<&[f32]>,
+    ) -> Result<(), PeopleError> {
+        self.send(group, |p| {
+            (p.starts, p.rows, p.seed) = (true, rows, seed);
+            p.known_action = known_action.map(|action| [action[0], action[1]]);
+        })
+    }
+
+    fn ask(
+        &mut self,
+        group: usize,
+        observations: &Observations,
+        communicated: &[Communicated],
+        seed: u64,
+    ) -> Result<(), PeopleError> {
+        self.send(group, |p| {
+            (p.starts, p.seed) = (false, seed);
+            p.observations.visual.copy_from(&observations.visual);
+            p.observations.verbal.copy_from(&observations.verbal);
+            p.communicated.copy_from_slice(communicated);
+        })
+    }
+
+    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
+        while self.idle[group].is_none() {
+            let parcel = self.back.recv().map_err(|_| gone())?;
+            let place = parcel.group;
+            self.idle[place] = Some(parcel);
+        }
+        if let Some(parcel) = &self.idle[group] {
+            actions.copy_from(&parcel.actions);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pace(plans_ms: &[f64]) -> String {
+        let pace = Pace {
+            plans_ms: plans_ms.to_vec(),
+            step_ms: 150.0,
+            settings: Settings::default(),
+        };
+        pace.lines().join("\n")
+    }
+
+    #[test]
+    fn what_was_measured_is_said_in_words() {
+        assert!(pace(&[70.0, 75.0, 90.0]).contains("this machine keeps up: "));
+        assert!(pace(&[100.0, 110.0, 140.0]).contains("most of the time only"));
+        let slow = pace(&[318.0, 325.0, 340.0]);
+        assert!(slow.contains("does NOT keep up"), "{slow}");
+        // 1000 × 0.85 × 150 / 340 = 375.
+        assert!(slow.contains("samples = 350, elites = 70"), "{slow}");
+    }
+}
