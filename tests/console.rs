@@ -220,7 +220,7 @@ fn a_swap_waits_in_words_for_a_set_that_still_learns() {
         .stdout(Stdio::null())
         .stderr(Stdio::null());
     let set = Run::start(&mut command);
-    let root = runtime::instance::default_root();
+    let root = runtime::instance::root_for(&name);
     until("the instance is taken", || {
         runtime::instance::launcher(&root, &name).is_some()
     });

@@ -8,9 +8,12 @@ mod common;
 mod python;
 
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
-use messages::Message;
+use messages::{LidarFrame, Message, topic};
 use python::python_with_iceoryx2;
 use recorder::topics::Recorded;
+use runtime::{
+    ClockMode, InstanceLock, Launcher, LauncherWake, Node, RunArguments, Stamp, now_ns, text_of,
+};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -288,4 +291,82 @@ fn python_ends_with_its_launcher() {
     let output = run(bench.up(&name).args(["--episodes", "1"]));
     assert!(output.status.success(), "{}", told(&output));
     assert_nothing_left(&name);
+}
+
+/// A process that loses the datagram of its first frame, as the transport may lose it, and waits for a second one.
+const SWALLOWS: &str = r#"
+import os, socket, stat, sys
+from mirror_process import RUNNING, Node, RunArguments
+
+def sockets():
+    return {int(fd) for fd in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{fd}")
+            and stat.S_ISSOCK(os.stat(f"/proc/self/fd/{fd}").st_mode)}
+
+def swallowed(fd):
+    try:
+        return socket.socket(fileno=os.dup(fd)).recv(1, socket.MSG_DONTWAIT) != b""
+    except OSError:
+        return False
+
+with Node(RunArguments(sys.argv[-1])) as node:
+    before = sockets()
+    frames = node.input("world/lidar", in_order=True)
+    ours = sockets() - before
+    assert node.ready() and node.wait([frames])
+    while not any(swallowed(fd) for fd in ours):  # it comes after its message
+        pass
+    assert node.wait_step(frames, (0, 0))
+    node._say(RUNNING, "swallowed")
+    assert node.wait_step(frames, (0, 1))
+    assert node.lost_wakeups == 0, "it had to look up"
+"#;
+
+#[test]
+fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
+    let Some(python) = python_with_iceoryx2() else {
+        eprintln!("skipped: no Python into which iceoryx2 and numpy could be installed");
+        return;
+    };
+    const MINUTE_NS: u64 = 60_000_000_000;
+    let bench = Bench::new();
+    let root = tempfile::tempdir_in("/tmp").unwrap();
+    let lock = InstanceLock::acquire(root.path(), "swallowed").unwrap();
+    let mut launcher = Launcher::open(lock, 7, ClockMode::Lockstep).unwrap();
+    let world = RunArguments {
+        launcher_pid: 0, // a thread of this process, not a child of a launcher
+        ..launcher.arguments().for_process("world", 0)
+    };
+    let world = Node::join(&world).unwrap();
+    let frames = world.output::<LidarFrame>(topic::LIDAR).unwrap();
+    let arguments = launcher.arguments().for_process("human", 3);
+    let mut child = Command::new(python)
+        .env("PYTHONPATH", EXAMPLE)
+        .arg(bench.write("swallows.py", SWALLOWS))
+        .arg(arguments.write().unwrap())
+        .spawn()
+        .unwrap();
+    let descriptor = runtime::process_descriptor(child.id()).unwrap();
+    let watched = [std::os::fd::AsRawFd::as_raw_fd(&descriptor)];
+    launcher
+        .wait_ready(&["human"], &watched, now_ns() + MINUTE_NS)
+        .unwrap();
+    launcher.start().unwrap();
+    frames.send_with(Stamp::sensed(0, 0), |_| {}).unwrap();
+    let said = |launcher: &mut Launcher| {
+        let mut said = false;
+        while let Some(report) = launcher.next_report().unwrap() {
+            said |= text_of(&report.text) == "swallowed";
+        }
+        said
+    };
+    while !said(&mut launcher) {
+        let wake = launcher.wait(&watched, Some(now_ns() + MINUTE_NS)).unwrap();
+        assert_eq!(wake, LauncherWake::Report);
+    }
+    let stat = format!("/proc/{}/stat", child.id());
+    while !std::fs::read_to_string(&stat).unwrap().contains(") S ") {
+        std::thread::yield_now();
+    }
+    frames.send_with(Stamp::sensed(0, 1), |_| {}).unwrap();
+    assert!(child.wait().unwrap().success());
 }

@@ -47,7 +47,13 @@ fn is_replaced(process: &str) -> Value {
     let deaths = summary["deaths"].as_array().unwrap();
     assert_eq!(deaths.len(), 1, "{deaths:?}");
     assert_eq!(deaths[0]["process"], process);
-    assert!(deaths[0]["how"].as_str().unwrap().contains("signal 9"));
+    let how = deaths[0]["how"].as_str().unwrap();
+    assert!(how.contains("signal 9 (SIGKILL)"), "{how}");
+    assert_eq!(deaths[0]["cause"], "signal");
+    assert_eq!(
+        (&summary["killed"], &summary["crashes"]),
+        (&1.into(), &0.into())
+    );
     assert!(deaths[0]["back_after_ms"].as_f64().unwrap() > 0.0);
     assert_eq!(summary["restarts"], 1);
     assert_eq!(summary["hangs"], 0);
@@ -152,6 +158,11 @@ fn a_stopped_process_is_replaced() {
     assert_eq!(summary["restarts"], 1);
     let how = summary["deaths"][0]["how"].as_str().unwrap();
     assert!(how.contains("had not answered"), "{how}");
+    assert_eq!(summary["deaths"][0]["cause"], "launcher");
+    assert_eq!(
+        (&summary["killed"], &summary["crashes"]),
+        (&0.into(), &0.into())
+    );
     assert_eq!(summary["episodes"], EPISODES);
     assert_eq!(status, Some(0));
 }
@@ -206,4 +217,53 @@ fn launcher_takes_everybody_with_it() {
     live.wait();
     live.wait_for_processes();
     next_run_works(&bench, &name);
+}
+
+/// A run in which a process dies as one with a bug does: it goes on, and says so at its end.
+fn crashes(process: &str, signal: libc::c_int, name_of_signal: &str) {
+    let bench = Bench::new();
+    let name = instance(&format!("crash-{process}"));
+    let file = bench.path("summary.json");
+    let mut command = bench.up(&name);
+    command.args(["--episodes", &EPISODES.to_string(), "--summary"]);
+    let mut live = Live::start(command.arg(&file), &name);
+    let pid = live.pid(process) as libc::pid_t;
+    // Rust's own handler takes the first SIGSEGV for a full stack, finds that it was none, and lets the next one through.
+    // SAFETY: signals a process of this set; once its launcher has reaped it, there is none.
+    while unsafe { libc::kill(pid, signal) } == 0 {
+        std::thread::yield_now();
+    }
+    let (status, text) = live.wait_for_text();
+    live.assert_all_ended();
+    assert_nothing_left(&name);
+    let summary = summary(&file);
+    assert_eq!(summary["completed"], true);
+    assert_eq!(summary["ended_early"], Value::Null);
+    assert_eq!(summary["episodes"], EPISODES);
+    assert_eq!(
+        (&summary["crashes"], &summary["killed"]),
+        (&1.into(), &0.into())
+    );
+    assert_eq!(summary["deaths"][0]["cause"], "crash");
+    assert_eq!(summary["deaths"][0]["signal"], name_of_signal);
+    assert_eq!(status.code(), Some(1), "{text}");
+    let last = text.trim_end().lines().last().unwrap();
+    for part in ["CRASHED", process, name_of_signal, "exit status 1"] {
+        assert!(last.contains(part), "no {part:?} in {last:?}");
+    }
+    let position = &summary["deaths"][0]["position"];
+    if let (Some(episode), Some(step)) = (position[0].as_u64(), position[1].as_u64()) {
+        let at = format!("episode {episode} step {step}");
+        assert!(last.contains(&at), "no {at:?} in {last:?}");
+    }
+}
+
+#[test]
+fn a_run_with_a_segmentation_fault_is_no_success() {
+    crashes("human", libc::SIGSEGV, "SIGSEGV");
+}
+
+#[test]
+fn a_run_with_an_abort_is_no_success() {
+    crashes("driver", libc::SIGABRT, "SIGABRT");
 }

@@ -1,4 +1,4 @@
-//! Many lockstep steps: no process's memory or file handles grow.
+//! Many lockstep steps: no process's memory or file handles grow, no stretch of them is slow, and no wake-up is lost.
 //!
 //! `MIRROR_SOAK=100000 cargo test --release -p mirror --test soak -- --nocapture` is the long form, which also prints how
 //! long a tick took at the beginning and at the end; the default is short.
@@ -12,6 +12,10 @@ use std::time::Duration;
 
 /// Steps of the short form.
 const FEW: u64 = 10_000;
+/// Steps of a stretch, and what half of them may take at most on the slowest of machines: a set that no wake-up reaches looks
+/// up four times a second.
+const STRETCH: usize = 1000;
+const SLOW_NS: u64 = 20_000_000;
 /// What a process may grow by after the first tenth: its allocator's rounding, and the launcher's list of episodes.
 const MOST_GROWTH_KIB: u64 = 1024;
 
@@ -42,7 +46,9 @@ fn memory_and_handles_are_flat() {
     let bench = Bench::new();
     let name = instance("soak");
     let mut command = bench.up(&name);
-    command.args(["--episodes", "1000000", "--quiet"]);
+    let file = bench.path("summary.json");
+    command.args(["--episodes", "1000000", "--quiet", "--summary"]);
+    command.arg(&file);
     let mut live = Live::start_quietly(&mut command, &name);
     let arguments = RunArguments {
         index: 99,
@@ -118,4 +124,15 @@ fn memory_and_handles_are_flat() {
     live.interrupt();
     live.wait();
     common::assert_nothing_left(&name);
+    let slow = ticks_ns.chunks_exact_mut(STRETCH).filter_map(|stretch| {
+        let (_, median, _) = stretch.select_nth_unstable(STRETCH / 2);
+        (*median > SLOW_NS).then_some(*median)
+    });
+    let slow: Vec<_> = slow.collect();
+    assert!(
+        slow.is_empty(),
+        "medians of slow stretches, in ns: {slow:?}"
+    );
+    let summary = common::summary(&file);
+    assert_eq!(summary["lost_wakeups"], 0, "{}", summary["processes"]);
 }

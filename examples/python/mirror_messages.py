@@ -320,7 +320,7 @@ class PortCount(ctypes.Structure):
 
 
 class Report(ctypes.Structure):
-    LAYOUT = "mirror/Report/1 layout 40cc189acae2b262"
+    LAYOUT = "mirror/Report/2 layout 3c183460ff7f1ea8"
     _fields_ = [
         ("header", Header),
         ("process", ctypes.c_uint8 * 16),
@@ -329,6 +329,7 @@ class Report(ctypes.Structure):
         ("compute_ns", ctypes.c_uint64 * 5),
         ("steps", ctypes.c_uint64),
         ("missed_deadlines", ctypes.c_uint64),
+        ("lost_wakeups", ctypes.c_uint64),
         ("allocations", ctypes.c_uint64),
         ("transport_allocations", ctypes.c_uint64),
         ("digest", ctypes.c_uint8 * 32),
@@ -340,7 +341,20 @@ class Report(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/Report/1"
+        return "mirror/Report/2"
+
+
+class Progress(ctypes.Structure):
+    LAYOUT = "mirror/Progress/1 layout b8f804266f9519c4"
+    _fields_ = [
+        ("header", Header),
+        ("process", ctypes.c_uint32),
+        ("recorder", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Progress/1"
 
 
 #: The message that travels on each topic.
@@ -359,6 +373,7 @@ TOPICS = {
     "human/imagine/answer": ImagineAnswer,
     "run/control": Control,
     "run/report": Report,
+    "run/progress": Progress,
 }
 
 #: Of every message: its bytes, and where each of its fields begins.
@@ -380,7 +395,8 @@ _PLACES = {
     ImagineAnswer: (10304, [0, 48, 52, 56, 60, 64, 8256]),
     Control: (64, [0, 48, 52, 56]),
     PortCount: (40, [0, 24, 32]),
-    Report: (1080, [0, 48, 64, 320, 960, 1000, 1008, 1016, 1024, 1032, 1064, 1068, 1072, 1076]),
+    Report: (1088, [0, 48, 64, 320, 960, 1000, 1008, 1016, 1024, 1032, 1040, 1072, 1076, 1080, 1084]),
+    Progress: (56, [0, 48, 52]),
 }
 
 for _structure, (_size, _offsets) in _PLACES.items():

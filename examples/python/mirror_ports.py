@@ -152,6 +152,7 @@ class Input:
         self._subscriber = service.subscriber_builder().buffer_size(buffer).create()
         self._node, self._type, self._in_order = node, messages.TOPICS[topic], in_order
         self._sample = None
+        self._is_notified = True  # see `_drain`
         self._next = {}  # by sender, the sequence number that is expected
         self._created_ns = now_ns()
         self.topic, self.received, self.lost = topic, 0, 0
@@ -168,6 +169,7 @@ class Input:
             if self._sample is not None:
                 self._sample.delete()
             self._sample, taken = sample, True
+            self._is_notified = True
             self.message = self._type.from_address(sample.payload_ptr)
             self.received += 1
             self._count_gap(sample.header.publisher_id.value, self.message.header.sequence)
@@ -200,5 +202,16 @@ class Input:
         if begin == (0, 0) or position_of(self.message) > begin:
             self.lost += max(0, sequence - expected)
 
+    def _mark_notified(self):
+        """Has the next `_drain` empty the listener: it was notified, or may be in need of it."""
+        self._is_notified = True
+
     def _drain(self):
-        self._listener.try_wait()
+        """Empties the listener, and returns how many notifications it held. None, and nothing happens, where no message was
+        taken since that was last done, and nothing marked it.
+        """
+        if not self._is_notified:
+            return None
+        notifications = sum(event.count for event in self._listener.try_wait())
+        self._is_notified = False
+        return notifications

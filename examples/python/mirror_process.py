@@ -25,8 +25,10 @@ READY, RUNNING, FINISHED, FAILED, CAUGHT_UP, BORDER, TOO_LATE = 1, 2, 3, 4, 5, 6
 EVERYBODY = 0xFFFF_FFFF
 #: Steps to read in silence before a process that stands by says that it has caught up.
 CATCH_UP_STEPS = 8
-#: A waiting process looks up this often, to connect to those that joined meanwhile.
+#: A sleeping process looks up this often, to connect to those that joined meanwhile, and to find what did not wake it.
 LOOK_UP_NS = 250_000_000
+#: Longest first sleep after a listener was emptied: longer than a sender takes from its message to its notification.
+NAP_NS = 1_000_000
 
 
 
@@ -97,7 +99,8 @@ class Node:
 
     def __init__(self, arguments: RunArguments):
         self.arguments, self.role, self.times = arguments, Role(arguments.standby), Times()
-        self.start_ns, self.steps, self.missed = 0, 0, 0
+        self.start_ns, self.steps, self.missed, self.lost_wakeups = 0, 0, 0, 0
+        self._has_emptied = False
         self._stopped = self._leaving = self._started = False
         self._catch_up = CATCH_UP_STEPS if arguments.standby else 0
         self._banked_ns, self._woken_ns = 0, now_ns()
@@ -250,14 +253,32 @@ class Node:
                 now = now_ns()
                 if deadline_ns is not None and now >= deadline_ns:
                     return True
-                until = LOOK_UP_NS if deadline_ns is None else min(LOOK_UP_NS, deadline_ns - now)
-                self._block(inputs, until)
+                # What is emptied is looked at again before the process sleeps.
+                if not self._empty([self._control, *inputs]):
+                    self._sleep(inputs, None if deadline_ns is None else deadline_ns - now)
             return False
         finally:
             self._woken_ns = now_ns()
 
-    def _block(self, inputs, timeout_ns: int):
-        waitset, launcher, bells = self._waitset(inputs)
+    # iceoryx2 0.10 can swallow a wake-up: while a listener is emptied, the datagram of the next notification may be taken
+    # away before its sender marks the listener as notified, after which nobody sends another. So the order is: empty,
+    # look at the messages, sleep. A message whose datagram was swallowed is found by the look, since it is sent before;
+    # and a listener from which a message was taken is emptied again before the next sleep, which resets the mark. The
+    # first sleep after an emptying is a nap, for a message may have been taken before its notification. The Rust crate
+    # `runtime` has the whole argument (`sleeper.rs`).
+
+    def _empty(self, sources) -> bool:
+        """Before a sleep: empties the listeners that need it. True: look at the messages again."""
+        has_emptied = [source._drain() is not None for source in sources]
+        self._has_emptied = self._has_emptied or any(has_emptied)
+        return any(has_emptied)
+
+    def _sleep(self, inputs, longest_ns):
+        naps, self._has_emptied = self._has_emptied, False
+        timeout_ns = NAP_NS if naps else LOOK_UP_NS
+        if longest_ns is not None:
+            timeout_ns = min(timeout_ns, longest_ns)
+        waitset, launcher, listeners = self._waitset(inputs)
         events, _ = waitset.wait_and_process_with_timeout(iox2.Duration.from_nanos(timeout_ns))
         try:
             os.read(self._wake_up, 512)
@@ -266,11 +287,20 @@ class Node:
         if launcher is not None and any(event.has_event_from(launcher) for event in events):
             self._stop()
             signal.alarm(1)
-        # Listeners are emptied before the messages are looked at, so that no message can fall between.
-        for source in bells:
-            source._drain()
+        for source, guard in listeners:
+            if any(event.has_event_from(guard) for event in events):
+                source._mark_notified()
         if not events:
+            self._look_up([source for source, _ in listeners], naps)
+
+    def _look_up(self, sources, has_napped: bool):
+        """After a sleep that nothing ended: whatever is known of the listeners, they are emptied."""
+        if not has_napped:
             self.connect()
+        for source in sources:
+            source._mark_notified()
+            if source._drain() and not has_napped and source.pending():
+                self.lost_wakeups += 1
 
     def _waitset(self, inputs):
         """What to wait on for these inputs, made once for each combination of them."""
@@ -278,14 +308,14 @@ class Node:
         if key not in self._waitsets:
             disabled = iox2.SignalHandlingMode.Disabled
             waitset = iox2.WaitSetBuilder.new().signal_handling_mode(disabled).create(iox2.ServiceType.Ipc)
-            bells = [self._control, *inputs]
-            guards = [waitset.attach_notification(source._listener) for source in bells]
+            sources = [self._control, *inputs]
+            listeners = [(source, waitset.attach_notification(source._listener)) for source in sources]
             descriptor = iox2.FileDescriptor.non_owning_new
-            guards.append(waitset.attach_notification_fd(descriptor(self._wake_up)))
+            wake_up = waitset.attach_notification_fd(descriptor(self._wake_up))
             launcher = None
             if self._launcher >= 0:
                 launcher = waitset.attach_notification_fd(descriptor(self._launcher))
-            self._waitsets[key] = (waitset, launcher, bells, guards)
+            self._waitsets[key] = (waitset, launcher, listeners, wake_up)
         return self._waitsets[key][:3]
 
     # The launcher
@@ -337,6 +367,7 @@ class Node:
             report.text = (ctypes.c_uint8 * 256)(*line)
             report.compute_ns = (ctypes.c_uint64 * 5)(*self.times.summary_ns())
             report.steps, report.missed_deadlines = self.steps, self.missed
+            report.lost_wakeups = self.lost_wakeups
             report.pid, report.index, report.state = os.getpid(), self.arguments.index, state
             report.port_count = min(len(self._inputs), len(report.ports))
             for port, source in zip(report.ports, self._inputs):

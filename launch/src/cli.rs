@@ -132,9 +132,21 @@ pub struct UpArguments {
     /// How often in a row a process that died is started again before the run ends; 0 ends it with the first death
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub restarts: u32,
+    /// A process that is silent for so long, though asked several times, hangs: it is killed, and started again. Never sooner
+    /// than after four times its longest step so far; in lockstep, one that computes (or waits for the disk) is waited for
+    /// however long it takes, and only one that stands still hangs
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = hang_limit, allow_negative_numbers = true)]
+    pub hang_limit: f64,
     /// Print no events, only the summary
     #[arg(long)]
     pub quiet: bool,
+}
+
+fn hang_limit(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds @ 0.1..=86_400.0) => Ok(seconds),
+        _ => Err("expected 0.1 to 86400".to_owned()),
+    }
 }
 
 /// Options of `mirror replay`.
@@ -173,7 +185,7 @@ pub struct ProfileArguments {
     /// Watch this set, which runs already, instead of starting one
     #[arg(long, value_name = "INSTANCE", conflicts_with_all = [
         "scene", "fog", "human", "planner", "driver", "episodes", "clock", "seed", "record", "summary", "instance", "exec",
-        "self_model", "implants", "spin", "restarts", "quiet",
+        "self_model", "implants", "spin", "restarts", "hang_limit", "quiet",
     ])]
     pub attach: Option<String>,
     /// Folder for profile.json, profile.hlog (HdrHistogram) and trace.json (Perfetto)

@@ -68,7 +68,8 @@ fn examine(state: &InstanceState, clean: bool) -> Result<bool> {
     let report = cleanup_dead(&state.root, &state.instance)?;
     out!(
         "    cleaned: {} dead processes, {} files in shared memory",
-        report.nodes, report.files
+        report.nodes,
+        report.files
     );
     Ok(report.failed == 0)
 }

@@ -20,7 +20,7 @@ pub fn write(arguments: &MessagesArguments) -> Result<ExitCode, Failure> {
         let path = folder.join(path);
         let above = path.parent().unwrap_or(folder);
         fs::create_dir_all(above).with_context(|| above.display().to_string())?;
-        files::write(&path, text.as_bytes())?;
+        files::write(&path, text.as_bytes()).map_err(anyhow::Error::from)?;
     }
     let interfaces = package.iter().filter(|(path, _)| path.ends_with(".msg"));
     out!(

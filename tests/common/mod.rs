@@ -225,6 +225,13 @@ impl Live {
         self.child.wait().unwrap()
     }
 
+    /// As [`Live::wait`], with what it still printed.
+    pub fn wait_for_text(&mut self) -> (ExitStatus, String) {
+        let mut text = String::new();
+        std::io::Read::read_to_string(&mut self.lines, &mut text).unwrap();
+        (self.child.wait().unwrap(), text)
+    }
+
     /// Waits for the end of every process but the launcher, which are not our children; at most five seconds.
     pub fn wait_for_processes(&self) {
         for (name, pid) in self

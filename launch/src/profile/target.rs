@@ -131,6 +131,7 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         implants,
         spin,
         restarts,
+        hang_limit,
         quiet: _,
     } = arguments;
     let episodes = if endless { ENDLESS } else { *episodes };
@@ -150,6 +151,7 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         format!("--instance={instance}"),
         format!("--spin={spin}"),
         format!("--restarts={restarts}"),
+        format!("--hang-limit={hang_limit}"),
         "--quiet".to_owned(),
     ];
     options.extend(fog.map(|fog| format!("--fog={fog}")));

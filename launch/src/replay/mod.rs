@@ -50,9 +50,9 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     let started = now_ns();
     let mut set = Set::start(&launcher, &resolved, &arguments.recording, &rows, &screen)?;
     let ended = set.play(&mut launcher, &screen);
-    set.end(&mut launcher, ended.is_ok());
+    let all_well = set.end(&mut launcher, ended.is_ok());
     screen.finish();
-    ended?;
+    ended.and(all_well)?;
     let rows = ::replay::load_rows(&rows).context("the replay's rows")?;
     launcher.clean()?;
     let mut report = Report::new(&drive, &resolved, items, rows);

@@ -4,11 +4,11 @@ use super::resolve::Resolved;
 use crate::own;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use runtime::{Launcher, LauncherWake, now_ns, process_descriptor, text_of};
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::thread::JoinHandle;
@@ -153,10 +153,14 @@ impl Set {
     }
 
     /// Asks those that are left to end, and makes them.
-    pub fn end(&mut self, launcher: &mut Launcher, well: bool) {
+    ///
+    /// # Errors
+    /// When one died of a signal that it was not sent here.
+    pub fn end(&mut self, launcher: &mut Launcher, well: bool) -> Result<()> {
+        let mut died = Vec::new();
         let asked = well && launcher.stop().is_ok();
         let deadline = now_ns() + if asked { STOP_NS } else { 0 };
-        for (child, descriptor) in &mut self.children {
+        for ((child, descriptor), name) in self.children.iter_mut().zip(NAMES) {
             let left = deadline.saturating_sub(now_ns()) / MS;
             let mut poll = libc::pollfd {
                 fd: descriptor.as_raw_fd(),
@@ -168,11 +172,16 @@ impl Set {
             if !ended {
                 let _ = child.kill();
             }
-            let _ = child.wait();
+            let status = child.wait();
+            if let Some(status) = status.ok().filter(|s| ended && s.signal().is_some()) {
+                died.push(format!("{name}: {status}"));
+            }
         }
         for reader in self.readers.drain(..) {
             let _ = reader.join();
         }
+        ensure!(died.is_empty(), "died at its end: {}", died.join(", "));
+        Ok(())
     }
 }
 

@@ -1,12 +1,15 @@
 //! The processes of a run, as operating-system processes: started, watched, ended.
 
+use super::activity::Activity;
 use super::plan::Plan;
+use super::supervise::Cause;
 use crate::guard;
 use crate::own;
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Context, Result};
 use runtime::{Launcher, RunArguments, now_ns, process_descriptor};
+use std::cell::Cell;
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -35,13 +38,21 @@ pub struct Child {
     pub index: u32,
     /// What it is doing.
     pub phase: Phase,
-    /// When it was last heard of.
+    /// When it was last heard of, or in lockstep seen to compute.
     pub heard_ns: u64,
+    /// When it was last heard of itself.
+    pub answered_ns: u64,
+    /// What it did when it was last looked at, since it has not answered.
+    pub activity: Option<Activity>,
+    /// Whether it was said that it computes for so long.
+    pub was_waited_for: bool,
     /// What it said of its failure, or the launcher of why it is ended.
     pub why: Option<String>,
     child: OsChild,
     /// Our own executable; else a guard with somebody else's program behind it.
     is_ours: bool,
+    /// Whether the launcher ended it.
+    was_signalled: Cell<bool>,
     descriptor: OwnedFd,
     /// Shows what it writes to its standard error; for our own executable, which closes that when it ends.
     errors: Option<JoinHandle<()>>,
@@ -54,8 +65,15 @@ impl Child {
         self.child.id()
     }
 
+    /// It was heard of.
+    pub fn answers(&mut self) {
+        let now = now_ns();
+        (self.heard_ns, self.answered_ns, self.activity) = (now, now, None);
+    }
+
     /// Sends a signal to it and to what it has started.
     pub fn signal(&self, signal: libc::c_int) {
+        self.was_signalled.set(true);
         self.send(signal);
     }
 
@@ -90,6 +108,12 @@ pub struct Ended {
     pub phase: Phase,
     /// How and, where that is known, why.
     pub how: String,
+    /// What ended it.
+    pub cause: Cause,
+    /// Whether it was our own executable.
+    pub is_ours: bool,
+    /// The signal that ended it.
+    pub signal: Option<libc::c_int>,
     /// Whether its exit status is 0.
     pub well: bool,
 }
@@ -180,14 +204,19 @@ impl Children {
             }
         };
         self.next += 1;
+        let now = now_ns();
         self.living.push(Child {
             place,
             index,
             phase: Phase::Starting,
-            heard_ns: now_ns(),
+            heard_ns: now,
+            answered_ns: now,
+            activity: None,
+            was_waited_for: false,
             why: None,
             child,
             is_ours,
+            was_signalled: Cell::new(false),
             descriptor,
             errors,
             last_words,
@@ -198,6 +227,11 @@ impl Children {
     /// The living.
     pub fn living(&self) -> &[Child] {
         &self.living
+    }
+
+    /// As [`Children::living`].
+    pub fn living_mut(&mut self) -> &mut [Child] {
+        &mut self.living
     }
 
     /// The living process of that number.
@@ -221,7 +255,7 @@ impl Children {
     pub fn all_speak(&mut self) {
         for child in &mut self.living {
             child.phase = Phase::Speaking;
-            child.heard_ns = now_ns();
+            child.answers();
         }
     }
 
@@ -284,7 +318,10 @@ impl Children {
         }
         let mut how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with status {code}"),
-            (None, Some(signal)) => format!("was killed by signal {signal}"),
+            (None, Some(signal)) => {
+                let name = signal_name(signal).map_or(String::new(), |name| format!(" ({name})"));
+                format!("was killed by signal {signal}{name}")
+            }
             (None, None) => "ended".to_owned(),
         };
         // One that ends as soon as it has begun may have had no time to report.
@@ -301,11 +338,22 @@ impl Children {
         if let Some(why) = ended.why {
             how += &format!(" ({why})");
         }
+        let cause = match (status.signal(), status.code()) {
+            // No matter whether it was to end: it was not sent one of these.
+            (Some(signal), _) if CRASHES.contains(&signal) => Cause::Crash,
+            (_, Some(PANIC)) if ended.is_ours => Cause::Crash,
+            _ if ended.was_signalled.get() => Cause::Launcher,
+            (Some(_), _) => Cause::Signal,
+            _ => Cause::Exit,
+        };
         Ok(Ended {
             place: ended.place,
             index: ended.index,
             phase: ended.phase,
             how,
+            cause,
+            is_ours: ended.is_ours,
+            signal: status.signal(),
             well: status.success(),
         })
     }
@@ -363,6 +411,44 @@ impl Drop for Children {
             let _ = self.reap(0);
         }
     }
+}
+
+/// Signals that a process is sent for what it did itself.
+const CRASHES: [libc::c_int; 7] = [
+    libc::SIGSEGV,
+    libc::SIGABRT,
+    libc::SIGILL,
+    libc::SIGBUS,
+    libc::SIGFPE,
+    libc::SIGTRAP,
+    libc::SIGSYS,
+];
+/// Exit status of a Rust program that panicked.
+const PANIC: i32 = 101;
+
+/// A signal's name, of those that end processes.
+pub fn signal_name(signal: libc::c_int) -> Option<&'static str> {
+    Some(match signal {
+        libc::SIGHUP => "SIGHUP",
+        libc::SIGINT => "SIGINT",
+        libc::SIGQUIT => "SIGQUIT",
+        libc::SIGILL => "SIGILL",
+        libc::SIGTRAP => "SIGTRAP",
+        libc::SIGABRT => "SIGABRT",
+        libc::SIGBUS => "SIGBUS",
+        libc::SIGFPE => "SIGFPE",
+        libc::SIGKILL => "SIGKILL",
+        libc::SIGUSR1 => "SIGUSR1",
+        libc::SIGSEGV => "SIGSEGV",
+        libc::SIGUSR2 => "SIGUSR2",
+        libc::SIGPIPE => "SIGPIPE",
+        libc::SIGALRM => "SIGALRM",
+        libc::SIGTERM => "SIGTERM",
+        libc::SIGXCPU => "SIGXCPU",
+        libc::SIGXFSZ => "SIGXFSZ",
+        libc::SIGSYS => "SIGSYS",
+        _ => return None,
+    })
 }
 
 /// Our own executable, or the program that stands in for it.

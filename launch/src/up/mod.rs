@@ -3,6 +3,7 @@
 //! What happens when a process ends before the run does stands in [`supervise`], how one is replaced while the run goes
 //! on in [`swap`].
 
+mod activity;
 mod children;
 mod decisions;
 pub mod door;
@@ -25,6 +26,7 @@ use door::Door;
 use plan::Plan;
 use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use summary::Summary;
 
@@ -54,7 +56,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let (plan, tally) = run.close();
     let mut summary = Summary::new(&plan, &tally, ending);
     summary.dropped_lines = screen.dropped();
-    screen.line(&summary.text());
+    screen.line(&summary.text(std::io::stdout().is_terminal()));
     if let Some(path) = &plan.summary {
         summary.save(path)?;
     }

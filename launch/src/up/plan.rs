@@ -58,6 +58,8 @@ pub struct Plan {
     pub quiet: bool,
     /// Times in a row that a process is started again.
     pub restarts: u32,
+    /// How long a process may be silent before it hangs, in ns; see [`super::supervise`].
+    pub hang_limit_ns: u64,
     /// What a recording says about the run's beginning; a recorder that is started again repeats it.
     setup: OnceCell<Setup>,
 }
@@ -109,6 +111,7 @@ impl Plan {
             spin_us: arguments.spin,
             quiet: arguments.quiet,
             restarts: arguments.restarts,
+            hang_limit_ns: (arguments.hang_limit * 1e9) as u64,
             setup: OnceCell::new(),
             scene,
             driver,

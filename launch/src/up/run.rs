@@ -1,12 +1,13 @@
 //! A run from its start to the end of its last process.
 
+use super::activity::Activity;
 use super::children::{Children, Ended, Phase};
 use super::door::{Answer, Door, Question};
 use super::heads::Heads;
 use super::plan::Plan;
 use super::starting::{self, READY_NS};
 use super::summary::Ending;
-use super::supervise::{ASK_NS, HANG_NS, Supervisor, border_after_death, next_border};
+use super::supervise::{Cause, Supervisor, ask_ns, border_after_death, next_border, patience_ns};
 use super::swap::{Around, Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
@@ -15,11 +16,13 @@ use crate::suspend::Suspension;
 use anyhow::{Context, Result};
 use messages::Report;
 use recorder::result::RecorderResult;
-use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
+use runtime::{ClockMode, Launcher, LauncherWake, now_ns, state, text_of};
 
 const MS: u64 = 1_000_000;
-/// How often the status line and the counts are brought up to date.
+/// How often the status line and the counts are brought up to date …
 const LOOK_NS: u64 = 50 * MS;
+/// … or after so many steps, if that is sooner: a lockstep world waits for a launcher that is twice as many behind.
+const LOOK_STEPS: f64 = 320.0;
 /// After the word to stop, a process has this long …
 const STOP_NS: u64 = 3_000 * MS;
 /// … and a recorder, which may still be writing, this long.
@@ -49,6 +52,8 @@ pub struct Run<'a> {
     looked_ns: u64,
     /// Time and steps when the rate was last taken, and the rate in steps a second.
     rate: (u64, u64, f64),
+    /// The recorder that a lockstep world waits for, by its number.
+    recorder: Option<u32>,
 }
 
 impl<'a> Run<'a> {
@@ -86,6 +91,7 @@ impl<'a> Run<'a> {
             asked_ns: 0,
             looked_ns: now_ns(),
             rate: (now_ns(), 0, 0.0),
+            recorder: None,
         })
     }
 
@@ -117,6 +123,7 @@ impl<'a> Run<'a> {
         ending.deaths = std::mem::take(&mut self.supervisor.deaths);
         ending.restarts = self.supervisor.restarts;
         ending.hangs = self.supervisor.hangs;
+        ending.launcher_lost_wakeups = self.launcher.lost_wakeups();
         Ok(ending)
     }
 
@@ -138,6 +145,7 @@ impl<'a> Run<'a> {
         ready.context("the process set did not start")?;
         self.launcher.start()?;
         self.children.all_speak();
+        self.tell_progress()?;
         self.started_ns = now_ns();
         // Those who asked while the set was starting.
         self.answer_the_door()?;
@@ -182,10 +190,30 @@ impl<'a> Run<'a> {
     }
 
     fn next_look_ns(&self) -> u64 {
-        let look = self.looked_ns + LOOK_NS;
+        let look = self.looked_ns + self.look_ns();
         self.supervisor
             .next_due_ns()
             .map_or(look, |due| due.min(look))
+    }
+
+    /// How long until the counts are next brought up to date.
+    fn look_ns(&self) -> u64 {
+        let steps_ns = LOOK_STEPS / self.rate.2.max(1.0) * 1e9;
+        LOOK_NS.min(steps_ns as u64)
+    }
+
+    /// Tells the world how far the launcher has counted, and which recorder to wait for.
+    fn tell_progress(&mut self) -> Result<()> {
+        if self.launcher.arguments().clock == ClockMode::RealTime {
+            return Ok(());
+        }
+        if self.plan.exec.contains_key(NAMES[RECORDER]) {
+            self.recorder = None;
+        } else if let Some(child) = self.children.speaker(RECORDER) {
+            self.recorder = Some(child.index); // of one that has died, until there is another
+        }
+        let counted = self.heads.newest(WORLD).unwrap_or_default();
+        Ok(self.launcher.tell_progress(counted, self.recorder)?)
     }
 
     /// What is due: restarts, questions to everybody, the next stage of a swap, the status line.
@@ -201,14 +229,15 @@ impl<'a> Run<'a> {
             self.heads.update()?;
             self.with_swap(|swap, around| swap.go_on(around))?;
         }
-        if now.saturating_sub(self.looked_ns) < LOOK_NS {
+        if now.saturating_sub(self.looked_ns) < self.look_ns() {
             return Ok(());
         }
-        // A launcher that was stopped itself hears nobody.
-        let i_was_away = now - self.looked_ns > HANG_NS / 2;
+        // A launcher that was stopped itself, or had no processor, has heard nobody.
+        let i_was_away = now - self.looked_ns > (self.plan.hang_limit_ns / 2).max(2 * LOOK_NS);
         self.looked_ns = now;
         self.tally.update()?;
         self.heads.update()?;
+        self.tell_progress()?;
         self.ask_around(now, i_was_away)?;
         let (then, steps, _) = self.rate;
         if now - then > 500 * MS {
@@ -220,35 +249,48 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Asks everybody whether they are there, and kills who has not answered for long.
+    /// Asks everybody whether they are there, and kills who hangs.
     fn ask_around(&mut self, now: u64, i_was_away: bool) -> Result<()> {
-        if now - self.asked_ns > ASK_NS {
+        if now - self.asked_ns > ask_ns(self.plan.hang_limit_ns) {
             self.asked_ns = now;
             self.launcher.request_reports()?;
         }
-        let silent: Vec<_> = self
-            .children
-            .living()
-            .iter()
-            .filter_map(|child| {
-                let patience_ns = match child.phase {
-                    Phase::Speaking | Phase::StandingBy => HANG_NS,
-                    Phase::Starting => READY_NS, // busy with its models, it answers nobody
-                    Phase::Leaving => return None,
-                };
-                let is_silent = now.saturating_sub(child.heard_ns) > patience_ns;
-                is_silent.then_some((child.index, patience_ns))
-            })
-            .collect();
-        for (index, patience_ns) in silent {
-            let Some(child) = self.children.get_mut(index) else {
-                continue;
+        let is_lockstep = self.launcher.arguments().clock == ClockMode::Lockstep;
+        for child in self.children.living_mut() {
+            let patience_ns = match child.phase {
+                Phase::Speaking | Phase::StandingBy => {
+                    let report = self.ending.reports[child.place].as_ref();
+                    let longest_ns = report.map_or(0, |report| report.compute_ns[4]);
+                    patience_ns(self.plan.hang_limit_ns, longest_ns)
+                }
+                Phase::Starting => READY_NS, // busy with its models, it answers nobody
+                Phase::Leaving => continue,
             };
             if i_was_away {
-                child.heard_ns = now;
-            } else if child.why.is_none() {
+                child.answers();
+            }
+            let silent_ns = now.saturating_sub(child.heard_ns);
+            // Everybody waits for a lockstep process that computes.
+            if is_lockstep && silent_ns > patience_ns / 2 {
+                let activity = Activity::of_group(child.pid());
+                let before = child.activity.replace(activity);
+                if before.is_some_and(|before| activity.computes_since(&before)) {
+                    let computed_ns = now.saturating_sub(child.answered_ns);
+                    if computed_ns > patience_ns && !child.was_waited_for {
+                        child.was_waited_for = true;
+                        self.screen.warn(&format!(
+                            "mirror: {} has computed for {:.1} s without an answer; it is waited for",
+                            NAMES[child.place],
+                            computed_ns as f64 * 1e-9,
+                        ));
+                    }
+                    child.heard_ns = now;
+                    continue;
+                }
+            }
+            if silent_ns > patience_ns && child.why.is_none() {
                 let seconds = patience_ns as f64 * 1e-9;
-                child.why = Some(format!("it had not answered for {seconds} s"));
+                child.why = Some(format!("it had not answered for {seconds:.1} s"));
                 child.signal(libc::SIGKILL);
                 self.supervisor.hangs += 1;
             }
@@ -273,7 +315,7 @@ impl<'a> Run<'a> {
             return Ok(false);
         }
         let text = text_of(&report.text);
-        child.heard_ns = now_ns();
+        child.answers();
         if report.state == state::FAILED {
             child.why = Some(text.clone());
         } else if !text.is_empty() {
@@ -338,6 +380,8 @@ impl<'a> Run<'a> {
             if !over {
                 self.ending.ended_early = reason.or(self.ending.ended_early.take());
             }
+        } else if matches!(ended.cause, Cause::Crash | Cause::Signal) {
+            self.supervisor.note(&ended, &self.heads);
         }
         if swaps_here {
             self.with_swap(|swap, around| swap.child_ended(index, how, around))?;
@@ -485,8 +529,8 @@ impl<'a> Run<'a> {
                     Phase::Starting => !ended.well,
                     Phase::StandingBy | Phase::Leaving => false,
                 };
-                if died {
-                    self.supervisor.bury(&ended, &self.heads);
+                if died || matches!(ended.cause, Cause::Crash | Cause::Signal) {
+                    self.supervisor.note(&ended, &self.heads);
                 }
                 continue;
             }

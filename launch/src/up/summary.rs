@@ -2,7 +2,7 @@
 
 use super::decisions::Decisions;
 use super::plan::Plan;
-use super::supervise::Death;
+use super::supervise::{Cause, Death};
 use super::swap::SwapReport;
 use super::tally::{Episode, Tally};
 use crate::place::ItemNames;
@@ -58,6 +58,8 @@ pub struct ProcessSummary {
     pub missed_deadlines: u64,
     /// Heap allocations in its steady-state loop.
     pub allocations: u64,
+    /// Messages that waited for it to look up, because the transport lost the wake-up.
+    pub lost_wakeups: u64,
     /// `finished`, or how it ended.
     pub end: String,
 }
@@ -85,6 +87,10 @@ pub struct Summary {
     pub ended_early: Option<String>,
     /// Processes that ended before the run did, in order.
     pub deaths: Vec<Death>,
+    /// Those of them that crashed: a signal for what they did themselves, such as SIGSEGV, or a panic.
+    pub crashes: u64,
+    /// Those of them that were killed by another signal, which the launcher did not send.
+    pub killed: u64,
     /// Episodes driven to their ends.
     pub episodes: u32,
     /// Control steps.
@@ -106,6 +112,8 @@ pub struct Summary {
     pub decisions: Option<Decisions>,
     /// Messages lost at any port, by topic.
     pub lost_messages: BTreeMap<String, u64>,
+    /// Messages that waited for a process to look up, because the transport lost the wake-up, over all processes.
+    pub lost_wakeups: u64,
     /// Processes started again.
     pub restarts: u64,
     /// Processes that did not answer and were killed; their deaths count, too.
@@ -148,6 +156,8 @@ pub struct Ending {
     pub restarts: u64,
     /// Processes that hung.
     pub hangs: u64,
+    /// Reports that waited for the launcher to look up, because the transport lost the wake-up.
+    pub launcher_lost_wakeups: u64,
     /// Processes replaced.
     pub swaps: Vec<SwapReport>,
     /// Why the run ended early, if it did.
@@ -167,6 +177,11 @@ impl Summary {
             .filter(|episode| episode.end != "running");
         let rewards: Vec<f64> = done.clone().map(|episode| episode.reward).collect();
         let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
+        let died_of = |cause| {
+            let of_it = ending.deaths.iter().filter(|death| death.cause == cause);
+            of_it.count() as u64
+        };
+        let (crashes, killed) = (died_of(Cause::Crash), died_of(Cause::Signal));
         let mut summary = Self {
             scene: plan.scene.name.clone(),
             notes: plan.scene.notes().to_vec(),
@@ -195,6 +210,9 @@ impl Summary {
             missed_deadlines: 0,
             decisions: tally.decisions(),
             lost_messages: BTreeMap::new(),
+            lost_wakeups: ending.launcher_lost_wakeups,
+            crashes,
+            killed,
             restarts: ending.restarts,
             hangs: ending.hangs,
             void_episodes: tally
@@ -259,6 +277,8 @@ impl Summary {
             process.steps = report.steps;
             process.missed_deadlines = report.missed_deadlines;
             process.allocations = report.allocations;
+            process.lost_wakeups = report.lost_wakeups;
+            self.lost_wakeups += report.lost_wakeups;
             self.missed_deadlines += report.missed_deadlines;
             self.compute_us
                 .insert(name.to_owned(), Percentiles::from_ns(report.compute_ns));
@@ -270,13 +290,14 @@ impl Summary {
         self.processes.insert(name.to_owned(), process);
     }
 
-    /// Whether all went as asked.
+    /// Whether all went as asked, and none of our own processes crashed.
     pub fn is_success(&self) -> bool {
         let recorded = self
             .recording
             .as_ref()
             .is_none_or(|recording| recording.complete);
-        self.completed && self.ended_early.is_none() && recorded
+        let crashed = self.deaths.iter().any(is_our_crash);
+        self.completed && self.ended_early.is_none() && recorded && !crashed
     }
 
     /// Writes the JSON.
@@ -288,13 +309,42 @@ impl Summary {
         Ok(files::write(path, (text + "\n").as_bytes())?)
     }
 
-    /// The summary for people.
-    pub fn text(&self) -> String {
+    /// The summary for people, with colours or without.
+    pub fn text(&self, colours: bool) -> String {
         let mut out = String::new();
         self.write_episodes(&mut out);
         self.write_totals(&mut out);
         self.write_processes(&mut out);
+        self.write_signals(&mut out, colours);
         out
+    }
+
+    /// The last word: who died of a signal that the launcher did not send, for the run went on without them.
+    fn write_signals(&self, out: &mut String, colours: bool) {
+        let (red, plain) = match colours {
+            true => ("\x1b[1;31m", "\x1b[0m"),
+            false => ("", ""),
+        };
+        for (cause, word) in [(Cause::Signal, "KILLED"), (Cause::Crash, "CRASHED")] {
+            let died: Vec<_> = self.deaths.iter().filter(|d| d.cause == cause).collect();
+            if died.is_empty() {
+                continue;
+            }
+            let listed: Vec<String> = died.iter().take(20).map(|death| brief(death)).collect();
+            let more = match died.len() - listed.len() {
+                0 => String::new(),
+                more => format!(", and {more} more"),
+            };
+            let status = match died.iter().any(|death| is_our_crash(death)) {
+                true => " · exit status 1",
+                false => "",
+            };
+            let _ = writeln!(
+                out,
+                "{red}{word} {}{more}{status}{plain}",
+                listed.join(", ")
+            );
+        }
     }
 
     fn write_episodes(&self, out: &mut String) {
@@ -426,6 +476,18 @@ impl Summary {
         for (topic, lost) in lost {
             let _ = writeln!(out, "LOST {} on {topic}", count(*lost, "message"));
         }
+        if self.lost_wakeups > 0 {
+            let counts = |(name, process): (&String, &ProcessSummary)| {
+                (process.lost_wakeups > 0).then(|| format!("{name} {}", process.lost_wakeups))
+            };
+            let by: Vec<_> = self.processes.iter().filter_map(counts).collect();
+            let by = by.join(", "); // what is missing, the launcher lost
+            let _ = writeln!(
+                out,
+                "LOST {} wake-ups ({by}): found by looking up, which slowed the run",
+                self.lost_wakeups
+            );
+        }
         if let Some(digest) = &self.digest {
             let _ = writeln!(out, "digest {digest}");
         }
@@ -456,6 +518,7 @@ impl Summary {
             how,
             position,
             back_after_ms,
+            ..
         } in &self.deaths[..listed]
         {
             let at = position.map_or(String::new(), |(e, s)| {
@@ -510,4 +573,23 @@ impl Summary {
             let _ = writeln!(out, "  {name:<18}{columns}{allocations:>14}");
         }
     }
+}
+
+fn is_our_crash(death: &Death) -> bool {
+    death.is_ours && death.cause == Cause::Crash
+}
+
+/// Who, by which signal, and where in the run.
+fn brief(death: &Death) -> String {
+    let Death {
+        process,
+        signal,
+        position,
+        is_ours,
+        ..
+    } = death;
+    let what = signal.as_deref().unwrap_or("panic");
+    let whose = if *is_ours { "" } else { "a foreign " };
+    let at = position.map_or(String::new(), |(e, s)| format!(", episode {e} step {s}"));
+    format!("{whose}{process} ({what}{at})")
 }

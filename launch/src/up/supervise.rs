@@ -11,20 +11,22 @@
 //! | launcher | everybody ends within a second; the next `up` or `doctor --clean` removes what is left |
 //!
 //! In lockstep everybody else waits meanwhile, and no step is lost; in real time the run goes on, and misses are counted.
-//! A process that does not answer for [`HANG_NS`] is killed, and then counts as lost. One that dies too often without
-//! having lived for [`HEALTHY_NS`] ends the run.
+//! A process that does not answer for the hang limit ([`patience_ns`]) is killed, and then counts as lost; in lockstep only
+//! if it stands still, for one that computes is waited for. One that dies too often without having lived for
+//! [`HEALTHY_NS`] ends the run.
 
-use super::children::Ended;
+use super::children::{Ended, signal_name};
 use super::heads::Heads;
 use crate::process::NAMES;
 use runtime::{ClockMode, Position, now_ns};
 use serde::Serialize;
 
 const MS: u64 = 1_000_000;
-/// Who is silent for so long, though asked several times, hangs.
-pub const HANG_NS: u64 = 2_000 * MS;
-/// How often everybody is asked.
-pub const ASK_NS: u64 = 400 * MS;
+/// How often everybody is asked at the least, and how often during the hang limit.
+const ASK_NS: u64 = 400 * MS;
+const ASKED: u64 = 5;
+/// Longest steps that a process may be silent for.
+const LONGEST_STEPS: u64 = 4;
 /// Who has lived for so long counts as healthy: earlier deaths are forgotten.
 pub const HEALTHY_NS: u64 = 1_000 * MS;
 /// Pause before the second restart in a row; doubled with every further one.
@@ -32,11 +34,41 @@ const FIRST_PAUSE_NS: u64 = 100 * MS;
 /// Longest pause.
 const LONGEST_PAUSE_NS: u64 = 5_000 * MS;
 
+/// How often everybody is asked whether they are there.
+pub fn ask_ns(hang_limit_ns: u64) -> u64 {
+    ASK_NS.min(hang_limit_ns / ASKED)
+}
+
+/// How long a process may be silent, though asked several times: the limit, or what a few of its longest steps take.
+pub fn patience_ns(hang_limit_ns: u64, longest_step_ns: u64) -> u64 {
+    hang_limit_ns.max(longest_step_ns.saturating_mul(LONGEST_STEPS))
+}
+
+/// What ended a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cause {
+    /// A signal for what it did itself, such as SIGSEGV, or a panic: a bug of the program.
+    Crash,
+    /// Another signal, which the launcher did not send.
+    Signal,
+    /// The launcher, because it hung or was to end.
+    Launcher,
+    /// It ended by itself.
+    Exit,
+}
+
 /// A process that ended before the run did.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Death {
     /// The process.
     pub process: String,
+    /// Whether it was our own executable, not somebody else's program.
+    pub is_ours: bool,
+    /// What ended it.
+    pub cause: Cause,
+    /// The signal's name, or its number where it has none.
+    pub signal: Option<String>,
     /// How it ended and, where that is known, why.
     pub how: String,
     /// Newest episode and step that it had spoken of.
@@ -85,20 +117,30 @@ impl Supervisor {
         }
     }
 
-    /// Takes note of a death. Returns why the run cannot go on, if it cannot.
-    pub fn bury(&mut self, ended: &Ended, heads: &Heads) -> Option<String> {
-        let (now, name) = (now_ns(), NAMES[ended.place]);
-        let place = &mut self.places[ended.place];
-        if place.in_a_row == 0 || now.saturating_sub(place.since_ns) > HEALTHY_NS {
-            place.in_a_row = 0;
-        }
-        self.died_ns[ended.place].get_or_insert((now, self.deaths.len()));
+    /// Takes note of the death of one whose part nobody has to take.
+    pub fn note(&mut self, ended: &Ended, heads: &Heads) {
+        let name = NAMES[ended.place];
+        let named = |signal| signal_name(signal).map_or(signal.to_string(), str::to_owned);
         self.deaths.push(Death {
             process: name.to_owned(),
+            is_ours: ended.is_ours,
+            cause: ended.cause,
+            signal: ended.signal.map(named),
             how: ended.how.clone(),
             position: heads.newest(ended.place).filter(|_| name != "recorder"),
             back_after_ms: None,
         });
+    }
+
+    /// Takes note of a death. Returns why the run cannot go on, if it cannot.
+    pub fn bury(&mut self, ended: &Ended, heads: &Heads) -> Option<String> {
+        let (now, name) = (now_ns(), NAMES[ended.place]);
+        self.died_ns[ended.place].get_or_insert((now, self.deaths.len()));
+        self.note(ended, heads);
+        let place = &mut self.places[ended.place];
+        if place.in_a_row == 0 || now.saturating_sub(place.since_ns) > HEALTHY_NS {
+            place.in_a_row = 0;
+        }
         place.in_a_row += 1;
         if place.in_a_row > self.most_in_a_row {
             return Some(match self.most_in_a_row {
@@ -194,6 +236,16 @@ pub fn next_border(heads: &Heads, place: usize) -> Position {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn patience_grows_with_the_longest_step() {
+        let limit = 2_000 * MS;
+        assert_eq!(patience_ns(limit, 3 * MS), limit);
+        assert_eq!(patience_ns(limit, 900 * MS), 3_600 * MS);
+        assert_eq!(patience_ns(limit, u64::MAX), u64::MAX);
+        assert_eq!(ask_ns(limit), ASK_NS);
+        assert!(ASKED * ask_ns(100 * MS) <= 100 * MS);
+    }
 
     #[test]
     fn pauses_double_up_to_a_limit() {

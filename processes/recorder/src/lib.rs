@@ -14,6 +14,7 @@ pub mod order;
 mod outcome;
 pub mod parts;
 mod picture;
+mod progress;
 pub mod qos;
 pub mod queue;
 pub mod read;
@@ -26,10 +27,11 @@ pub mod topics;
 pub mod visual;
 
 use anyhow::{Context, Result};
+use progress::Teller;
 use queue::{BLOCKS, Queue, WhenFull};
 use recording::{About, Lost, Recording};
 use result::RecorderResult;
-use runtime::{ClockMode, Digest, Node, RunArguments, Wake, now_ns};
+use runtime::{ClockMode, Digest, Node, RECORDER_BUFFER, RunArguments, Wake, now_ns};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -82,6 +84,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 struct Recorder {
     inputs: Inputs,
     taken: Taken,
+    progress: Teller,
     /// This recorder's file, and those of recorders before it.
     file: Option<PathBuf>,
     before: Vec<PathBuf>,
@@ -193,6 +196,7 @@ impl Recorder {
         Ok(Self {
             inputs: Inputs::new(node)?,
             taken,
+            progress: Teller::new(node)?,
             file,
             before,
         })
@@ -201,7 +205,15 @@ impl Recorder {
     fn record(&mut self, node: &mut Node) -> Result<()> {
         let mut wake = node.ready()?;
         while wake != Wake::Stop {
-            if self.look()? > 0 {
+            // Where the disk falls behind, a lockstep world waits: meanwhile, what it sent stays in the ports.
+            let looked = match self.taken.has_room() {
+                true => self.look()?,
+                false => self
+                    .inputs
+                    .drain_run(|message, lost| self.taken.take(message, lost))?,
+            };
+            if looked > 0 {
+                self.progress.tell()?;
                 self.taken.complain_once(node)?;
                 node.end_step();
             }
@@ -220,10 +232,11 @@ impl Recorder {
     }
 
     fn look(&mut self) -> Result<u64> {
-        let taken = &mut self.taken;
-        Ok(self
-            .inputs
-            .drain(|message, lost| taken.take(message, lost))?)
+        let (taken, progress) = (&mut self.taken, &mut self.progress);
+        Ok(self.inputs.drain(|message, lost| {
+            progress.note(message);
+            taken.take(message, lost);
+        })?)
     }
 
     fn finish(self, node: &mut Node, options: &Options) -> Result<()> {
@@ -232,6 +245,7 @@ impl Recorder {
             taken,
             file,
             before,
+            ..
         } = self;
         let mut lost = Lost {
             ports: inputs.lost(),
@@ -330,6 +344,13 @@ impl Taken {
         if let Some(queue) = &mut self.queue {
             queue.push(message);
         }
+    }
+
+    /// Whether all that the ports may hold finds room without waiting for the disk; always in real time, where what finds
+    /// none is dropped and counted.
+    fn has_room(&self) -> bool {
+        let most = TOPICS.len() * RECORDER_BUFFER;
+        self.queue.as_ref().is_none_or(|queue| queue.has_room(most))
     }
 
     /// Tells the launcher, once, that the file takes no more; the run goes on.

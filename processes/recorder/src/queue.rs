@@ -95,6 +95,11 @@ impl Queue {
         }
     }
 
+    /// Whether so many messages can be pushed without waiting for the writer.
+    pub fn has_room(&self, messages: usize) -> bool {
+        self.when_full == WhenFull::Drop || self.free.len() + self.most - self.blocks >= messages
+    }
+
     /// Why the writer has stopped writing, once it has.
     pub fn error(&self) -> Option<&str> {
         self.error.get().map(String::as_str)

@@ -153,6 +153,31 @@ topics! {
     report: Report on topic::REPORT;
 }
 
+impl Inputs {
+    /// As [`Inputs::drain`], of what the launcher and the processes tell each other alone: nobody waits until it was taken.
+    ///
+    /// # Errors
+    /// [`PortError::Receive`].
+    pub fn drain_run(&mut self, mut take: impl FnMut(&Recorded, u64)) -> Result<u64, PortError> {
+        let mut count = 0;
+        while self.control.take()? {
+            let lost = self.control.lost();
+            if let Some(message) = self.control.message() {
+                take(&message.into(), lost);
+                count += 1;
+            }
+        }
+        while self.report.take()? {
+            let lost = self.report.lost();
+            if let Some(message) = self.report.message() {
+                take(&message.into(), lost);
+                count += 1;
+            }
+        }
+        Ok(count)
+    }
+}
+
 /// A message from its bytes.
 fn read_message<M: Message>(bytes: &[u8]) -> Option<M> {
     // SAFETY: as many bytes as the message has, and messages are plain numbers without padding, for which all bytes are

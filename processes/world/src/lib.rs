@@ -8,6 +8,7 @@
 
 mod gridworld;
 mod highway;
+mod listeners;
 mod options;
 mod ports;
 mod truth;
@@ -80,7 +81,9 @@ fn lockstep<T: Truth>(
     episode: u32,
 ) -> Result<Wake> {
     for step in 0.. {
-        if ports.keep_together(node, episode, step)? == Wake::Stop {
+        if ports.keep_together(node, episode, step)? == Wake::Stop
+            || ports.listeners.wait(node, (episode, step))? == Wake::Stop
+        {
             return Ok(Wake::Stop);
         }
         // When these two are there, everything that others send in this episode has been sent.

@@ -1,5 +1,6 @@
 //! The world's ports, but for those that only one domain has.
 
+use crate::listeners::Listeners;
 use crate::truth::Truth;
 use anyhow::Result;
 use messages::{CommAction, DriverAction, HumanBelief, Outcome, Sensed, topic};
@@ -24,6 +25,8 @@ pub struct Ports<S: Sensed> {
     /// spoken, so the message that came last does not tell.
     human_at: Option<(u32, u32)>,
     decision: Input<CommAction>,
+    /// Who is waited for though nobody needs their answer.
+    pub listeners: Listeners,
 }
 
 impl<S: Sensed> Ports<S> {
@@ -51,6 +54,7 @@ impl<S: Sensed> Ports<S> {
             )?,
             human_at: None,
             decision: node.input_with(topic::COMM_ACTION, asleep)?,
+            listeners: Listeners::new(node)?,
         })
     }
 

@@ -64,6 +64,7 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
     describe::<Control>(&mut visit);
     describe::<PortCount>(&mut visit);
     describe::<Report>(&mut visit);
+    describe::<Progress>(&mut visit);
 }
 
 /// Calls `visit` with every topic and the message that travels on it.
@@ -82,6 +83,7 @@ pub fn for_each_topic(mut visit: impl FnMut(&'static str, Description)) {
     visit(topic::IMAGINE_ANSWER, description::<ImagineAnswer>());
     visit(topic::CONTROL, description::<Control>());
     visit(topic::REPORT, description::<Report>());
+    visit(topic::PROGRESS, description::<Progress>());
 }
 
 /// Type name, layout and ROS 2 definition of every message.

@@ -57,6 +57,8 @@ pub mod topic {
     pub const CONTROL: &str = "run/control";
     /// [`Report`](crate::Report): all → launcher.
     pub const REPORT: &str = "run/report";
+    /// [`Progress`](crate::Progress): launcher and recorder → world.
+    pub const PROGRESS: &str = "run/progress";
 }
 
 /// Numbers of the domains in messages.
@@ -323,7 +325,7 @@ message! {
 
 message! {
     /// What a process tells the launcher: at its start, on request, and at its end.
-    pub struct Report, "1" {
+    pub struct Report, "2" {
         /// Header.
         pub header: Header,
         /// Process name; in memory, zero-padded UTF-8.
@@ -338,6 +340,8 @@ message! {
         pub steps: u64,
         /// Deadlines missed.
         pub missed_deadlines: u64,
+        /// Messages that waited for the process to look up, because the transport lost the wake-up; 0 in a healthy run.
+        pub lost_wakeups: u64,
         /// Heap allocations in the steady-state loop.
         pub allocations: u64,
         /// Those of them that iceoryx2 made for loaning messages.
@@ -352,5 +356,17 @@ message! {
         pub pid: u32,
         /// 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take over or hand over as told, 7 too late for that, 8 silent from now on.
         pub state: u32,
+    } header: yes
+}
+
+message! {
+    /// How far those have come who take in what others send and answer nothing: in lockstep, the world waits for them.
+    pub struct Progress, "1" {
+        /// Header; episode and step are the newest that were taken in.
+        pub header: Header,
+        /// Who has come so far: place in launch order, or `u32::MAX` for the launcher.
+        pub process: u32,
+        /// From the launcher: place in launch order of the recorder to wait for, `u32::MAX` for none.
+        pub recorder: u32,
     } header: yes
 }

@@ -105,8 +105,11 @@ pub trait Source {
     fn advance_to(&mut self, episode: u32, step: u32) -> Result<Advance, PortError>;
     /// What to poll; −1 for an input that does not wake.
     fn descriptor(&self) -> RawFd;
-    /// Empties the listener, so that its descriptor is readable only for what comes later.
-    fn drain(&mut self);
+    /// Has the next [`Source::drain`] empty the listener: its descriptor is readable, or may be in need of it.
+    fn mark_notified(&mut self);
+    /// Empties the listener, so that its descriptor is readable only for what comes later, and returns how many notifications
+    /// it held. None, and nothing happens, where no message was taken since that was last done, and nothing marked it.
+    fn drain(&mut self) -> Option<u64>;
 }
 
 impl Connect for RawSubscriber {
@@ -126,6 +129,8 @@ pub struct Input<M: Message> {
     subscriber: Rc<RawSubscriber>,
     listener: Option<Listener<Ipc>>,
     counter: Rc<Counter>,
+    /// Whether the listener is to be emptied before the process next sleeps.
+    is_notified: bool,
     senders: Vec<Sender>,
     shared: Rc<Shared>,
     created_ns: u64,
@@ -172,6 +177,7 @@ impl<M: Message> Input<M> {
             subscriber,
             listener,
             counter,
+            is_notified: true,
             senders: Vec::with_capacity(64),
             shared: shared.clone(),
             created_ns: crate::clock::now_ns(),
@@ -254,6 +260,7 @@ impl<M: Message> Input<M> {
             reason,
         })?;
         if let Some(sample) = &sample {
+            self.is_notified = true;
             self.counter.received.set(self.counter.received.get() + 1);
             if let Some(header) = sample.message::<M>().header() {
                 self.count_gap(sample.sender(), header.sequence);
@@ -334,10 +341,15 @@ impl<M: Message> Source for Input<M> {
         }
     }
 
-    fn drain(&mut self) {
-        if let Some(listener) = &self.listener {
-            // An interrupt leaves the rest for the next turn of the wait.
-            let _ = listener.try_wait(|_| {});
-        }
+    fn mark_notified(&mut self) {
+        self.is_notified = true;
+    }
+
+    fn drain(&mut self) -> Option<u64> {
+        let listener = self.listener.as_ref().filter(|_| self.is_notified)?;
+        // What fails, as by an interrupt, is tried again before the next sleep.
+        let notifications = listener.try_wait(|_| {}).ok()?;
+        self.is_notified = false;
+        Some(notifications)
     }
 }

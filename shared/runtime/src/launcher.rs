@@ -7,13 +7,13 @@ use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
 use crate::node::command;
 use crate::output::{Output, Stamp};
-use crate::poll::Poll;
 use crate::report::state;
 use crate::role::Position;
 use crate::service::{open_bell, open_topic};
 use crate::shared::Shared;
 use crate::signal;
-use messages::{Control, Message, Report, topic};
+use crate::sleeper::{Sleeper, Woken};
+use messages::{Control, Message, Progress, Report, topic};
 use std::any::Any;
 use std::os::fd::RawFd;
 use std::rc::Rc;
@@ -35,10 +35,11 @@ pub enum LauncherWake {
 pub struct Launcher {
     reports: Input<Report>,
     control: Output<Control>,
+    progress: Output<Progress>,
     _services: Vec<Box<dyn Any>>,
     shared: Rc<Shared>,
     arguments: RunArguments,
-    poll: Poll,
+    sleeper: Sleeper,
     // Last: it removes the instance's directory.
     _lock: InstanceLock,
 }
@@ -54,14 +55,16 @@ impl Launcher {
         let shared = Shared::open(&arguments)?;
         let reports = Input::new(&shared, topic::REPORT, InputOptions::new(Receive::InOrder))?;
         let control = Output::new(&shared, topic::CONTROL)?;
+        let progress = Output::new(&shared, topic::PROGRESS)?;
         let services = keep_open(&shared)?;
         Ok(Self {
             reports,
             control,
+            progress,
             _services: services,
             shared,
             arguments,
-            poll: Poll::new(),
+            sleeper: Sleeper::new(),
             _lock: lock,
         })
     }
@@ -104,26 +107,39 @@ impl Launcher {
             if deadline_ns.is_some_and(|deadline| now >= deadline) {
                 return Ok(LauncherWake::Deadline);
             }
-            self.poll.clear();
-            self.poll.add(signal::stop_descriptor());
-            self.poll.add(self.reports.descriptor());
+            // What is emptied is looked at again before the launcher sleeps: see `Sleeper`.
+            if self.sleeper.empty(&mut self.reports) {
+                continue;
+            }
+            let poll = &mut self.sleeper.poll;
+            poll.clear();
+            poll.add(signal::stop_descriptor());
+            poll.add(self.reports.descriptor());
             for child in children {
-                self.poll.add(*child);
+                poll.add(*child);
             }
-            let timeout = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
-            self.poll.wait(timeout.min(250_000_000))?;
+            let until_deadline =
+                deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
+            if self.sleeper.sleep(until_deadline)? != Woken::Ready {
+                self.sleeper.reset(&mut self.reports)?;
+            } else if self.sleeper.poll.is_ready(1) {
+                self.reports.mark_notified();
+            }
             self.shared.connect();
-            if self.poll.is_ready(1) {
-                self.reports.drain();
-            }
             // A child's last report comes before its end.
             if self.reports.pending()? {
                 return Ok(LauncherWake::Report);
             }
-            if let Some(child) = (0..children.len()).find(|child| self.poll.is_ready(2 + child)) {
+            let poll = &self.sleeper.poll;
+            if let Some(child) = (0..children.len()).find(|child| poll.is_ready(2 + child)) {
                 return Ok(LauncherWake::Child(child));
             }
         }
+    }
+
+    /// Reports that waited for the launcher to look up, though it had been notified: 0 unless the transport lost a wake-up.
+    pub fn lost_wakeups(&self) -> u64 {
+        self.sleeper.lost_wakeups()
     }
 
     /// The next report that waits.
@@ -247,6 +263,27 @@ impl Launcher {
         self.command(command::CONNECT, u32::MAX, (0, 0))
     }
 
+    /// Tells a lockstep world how far the launcher has taken in what was sent, and which recorder it is to wait for, by its
+    /// place in launch order. A world that was told once waits for both: say it some times a second.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn tell_progress(
+        &mut self,
+        (episode, step): Position,
+        recorder: Option<u32>,
+    ) -> Result<(), PortError> {
+        let stamp = Stamp {
+            episode,
+            step,
+            cause_ns: 0,
+        };
+        self.progress.send_with(stamp, |progress| {
+            progress.process = u32::MAX;
+            progress.recorder = recorder.unwrap_or(u32::MAX);
+        })
+    }
+
     fn command(&self, command: u32, process: u32, position: Position) -> Result<(), PortError> {
         let stamp = Stamp {
             episode: position.0,
@@ -322,5 +359,6 @@ fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
     open::<messages::DriverAction>(shared, topic::DRIVER_ACTION, &mut kept)?;
     open::<messages::ImagineRequest>(shared, topic::IMAGINE, &mut kept)?;
     open::<messages::ImagineAnswer>(shared, topic::IMAGINE_ANSWER, &mut kept)?;
+    open::<Progress>(shared, topic::PROGRESS, &mut kept)?;
     Ok(kept)
 }

@@ -34,6 +34,7 @@ mod roots;
 mod service;
 mod shared;
 mod signal;
+mod sleeper;
 mod timing;
 mod transport;
 

@@ -7,11 +7,11 @@ use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
 use crate::input::{Advance, Input, InputOptions, Receive, Source};
 use crate::output::Output;
-use crate::poll::Poll;
 use crate::report::state;
 use crate::role::Position;
 use crate::shared::Shared;
 use crate::signal;
+use crate::sleeper::{Sleeper, Woken};
 use crate::timing::StageTimer;
 use messages::{Control, Message, Report, topic};
 use std::os::fd::RawFd;
@@ -21,8 +21,6 @@ use std::rc::Rc;
 const WARM_UP_STEPS: u64 = 10;
 /// A process that stands by has caught up after as many steps in a row as the self-model's belief was trained over.
 const CATCH_UP_STEPS: u64 = 8;
-/// A blocked process looks up this often, to connect to those that joined meanwhile.
-const LOOK_UP_NS: u64 = 250_000_000;
 
 /// [`Control::command`].
 pub(crate) mod command {
@@ -54,7 +52,7 @@ pub struct Node {
     pub(crate) shared: Rc<Shared>,
     pub(crate) arguments: RunArguments,
     launcher: RawFd,
-    poll: Poll,
+    pub(crate) sleeper: Sleeper,
     pub(crate) timer: StageTimer,
     pub(crate) steps: u64,
     pub(crate) missed: u64,
@@ -92,7 +90,7 @@ impl Node {
             shared,
             arguments: arguments.clone(),
             launcher,
-            poll: Poll::new(),
+            sleeper: Sleeper::new(),
             timer: StageTimer::new(),
             steps: 0,
             missed: 0,
@@ -331,44 +329,55 @@ impl Node {
                 core::hint::spin_loop();
                 continue;
             }
-            self.block(sources, deadline_ns, now)?;
+            // What is emptied is looked at again before the process sleeps: see `Sleeper`.
+            let mut emptied = self.sleeper.empty(&mut self.control);
+            for source in sources.iter_mut() {
+                emptied |= self.sleeper.empty(*source);
+            }
+            if !emptied {
+                self.sleep(sources, deadline_ns, now)?;
+            }
         };
         self.shared.wake_up();
         Ok(wake)
     }
 
-    fn block(
+    fn sleep(
         &mut self,
         sources: &mut [&mut dyn Source],
         deadline_ns: Option<u64>,
         now: u64,
     ) -> Result<(), NodeError> {
-        self.poll.clear();
-        self.poll.add(signal::stop_descriptor());
-        self.poll.add(self.launcher);
-        self.poll.add(self.control.descriptor());
+        let sleeper = &mut self.sleeper;
+        sleeper.poll.clear();
+        sleeper.poll.add(signal::stop_descriptor());
+        sleeper.poll.add(self.launcher);
+        sleeper.poll.add(self.control.descriptor());
         for source in sources.iter() {
-            self.poll.add(source.descriptor());
+            sleeper.poll.add(source.descriptor());
         }
         let until_deadline = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
-        self.poll.wait(until_deadline.min(LOOK_UP_NS))?;
-        if self.poll.is_ready(1) {
+        let woken = sleeper.sleep(until_deadline)?;
+        if woken != Woken::Ready {
+            if woken == Woken::TimeOver {
+                self.shared.connect();
+            }
+            sleeper.reset(&mut self.control)?;
+            for source in sources.iter_mut() {
+                sleeper.reset(*source)?;
+            }
+            return Ok(());
+        }
+        if sleeper.poll.is_ready(1) {
             signal::launcher_died();
         }
-        let mut woken = false;
-        if self.poll.is_ready(2) {
-            self.control.drain();
-            woken = true;
+        if sleeper.poll.is_ready(2) {
+            self.control.mark_notified();
         }
-        // Listeners are emptied before the messages are looked at, so that no message can fall between.
         for (index, source) in sources.iter_mut().enumerate() {
-            if self.poll.is_ready(3 + index) {
-                source.drain();
-                woken = true;
+            if sleeper.poll.is_ready(3 + index) {
+                source.mark_notified();
             }
-        }
-        if !woken {
-            self.shared.connect();
         }
         Ok(())
     }

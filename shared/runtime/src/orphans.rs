@@ -6,7 +6,6 @@
 
 use crate::error::InstanceError;
 use crate::instance::{config, directory, prefix};
-use crate::private;
 use crate::service::Ipc;
 use iceoryx2::node::{NodeState, NodeView};
 use iceoryx2::prelude::CallbackProgression;

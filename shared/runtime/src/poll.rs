@@ -32,8 +32,8 @@ impl Poll {
         self.descriptors[index].revents != 0
     }
 
-    /// Blocks until a descriptor is ready or the time has come.
-    pub(crate) fn wait(&mut self, timeout_ns: u64) -> Result<(), NodeError> {
+    /// Blocks until a descriptor is ready or the time has come; false if none is ready.
+    pub(crate) fn wait(&mut self, timeout_ns: u64) -> Result<bool, NodeError> {
         let timeout = libc::timespec {
             tv_sec: (timeout_ns / 1_000_000_000) as libc::time_t,
             tv_nsec: (timeout_ns % 1_000_000_000) as libc::c_long,
@@ -59,6 +59,6 @@ impl Poll {
                 descriptor.revents = 0;
             }
         }
-        Ok(())
+        Ok(ready > 0)
     }
 }

@@ -47,6 +47,11 @@ impl Node {
             .collect()
     }
 
+    /// Messages that waited for the process to look up though it had been notified: 0 unless the transport lost a wake-up.
+    pub fn lost_wakeups(&self) -> u64 {
+        self.sleeper.lost_wakeups()
+    }
+
     /// Puts a digest ([`Digest`](crate::Digest)) into the reports to come: for the recorder.
     pub fn set_digest(&mut self, digest: [u8; 32]) {
         self.digest = digest;
@@ -99,6 +104,7 @@ impl Node {
             report.compute_ns = self.timer.summary_ns();
             report.steps = self.steps;
             report.missed_deadlines = self.missed;
+            report.lost_wakeups = self.sleeper.lost_wakeups();
             [report.allocations, report.transport_allocations] = self.allocations;
             report.digest = self.digest;
             report.pid = std::process::id();
