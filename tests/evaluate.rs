@@ -154,7 +154,8 @@ fn drive_goes_on_where_it_was_killed() {
 #[test]
 fn real_goes_on_where_it_was_killed() {
     if !Path::new(RECORDED).is_dir() {
-        eprintln!("skipped: no recorded traffic at {RECORDED}");
+        let why = format!("there is no recorded traffic at {RECORDED}");
+        testing::skipped("real_goes_on_where_it_was_killed", &why);
         return;
     }
     let study = |out: &Path| highway_study(&["real", "--data", RECORDED], out);

@@ -18,14 +18,15 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
+const NO_PYTHON: &str = "no Python into which iceoryx2 and numpy could be installed";
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/python");
 /// Plans that take a few milliseconds.
 const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
 
 /// The command that starts the example, or `None` where there is no Python for it.
-fn human_model() -> Option<String> {
+fn human_model(test: &str) -> Option<String> {
     let Some(python) = python_with_iceoryx2() else {
-        eprintln!("skipped: no Python into which iceoryx2 and numpy could be installed");
+        testing::skipped(test, NO_PYTHON);
         return None;
     };
     Some(format!("{} {EXAMPLE}/human_model.py", python.display()))
@@ -70,7 +71,9 @@ fn up(bench: &Bench) -> Command {
 
 #[test]
 fn python_drives_in_lockstep_and_repeats_itself() {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("python_drives_in_lockstep_and_repeats_itself") else {
+        return;
+    };
     let bench = Bench::new();
     let drive = |test: &str| {
         let file = bench.path(&format!("{test}.mcap"));
@@ -118,7 +121,9 @@ fn beliefs(path: &Path) -> Vec<messages::HumanBelief> {
 
 #[test]
 fn a_planner_asks_python_what_people_would_do() {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("a_planner_asks_python_what_people_would_do") else {
+        return;
+    };
     let bench = Bench::new();
     let scene = bench.write("small.toml", SMALL_PLANS);
     let drive = bench.path("planned.mcap");
@@ -164,7 +169,9 @@ fn end(mut live: Live, name: &str) {
 }
 
 fn swaps_in_and_out(test: &str, options: &[&str]) {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("swaps_in_and_out") else {
+        return;
+    };
     let bench = Bench::new();
     let name = instance(test);
     let file = bench.path("summary.json");
@@ -222,7 +229,9 @@ const OTHER_LAYOUT: &str = "mirror/LidarFrame/1 layout 0123456789abcdef";
 
 #[test]
 fn another_layout_is_refused_by_name() {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("another_layout_is_refused_by_name") else {
+        return;
+    };
     let bench = Bench::new();
     let stranger = with_another_layout(&bench, &model);
     let ours = messages::LidarFrame::layout_text();
@@ -253,7 +262,9 @@ fn another_layout_is_refused_by_name() {
 
 #[test]
 fn a_killed_python_process_is_started_again() {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("a_killed_python_process_is_started_again") else {
+        return;
+    };
     let bench = Bench::new();
     let name = instance("python-killed");
     let file = bench.path("summary.json");
@@ -279,7 +290,9 @@ fn a_killed_python_process_is_started_again() {
 
 #[test]
 fn python_ends_with_its_launcher() {
-    let Some(model) = human_model() else { return };
+    let Some(model) = human_model("python_ends_with_its_launcher") else {
+        return;
+    };
     let bench = Bench::new();
     let name = instance("python-orphan");
     let mut command = bench.up(&name);
@@ -324,7 +337,10 @@ with Node(RunArguments(sys.argv[-1])) as node:
 #[test]
 fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
     let Some(python) = python_with_iceoryx2() else {
-        eprintln!("skipped: no Python into which iceoryx2 and numpy could be installed");
+        testing::skipped(
+            "python_is_woken_by_the_next_notification_after_one_was_swallowed",
+            NO_PYTHON,
+        );
         return;
     };
     const MINUTE_NS: u64 = 60_000_000_000;

@@ -502,15 +502,11 @@ fn tables_of_a_study() {
 /// Tables of rounds are read by Python.
 #[test]
 fn tables_of_rounds() {
-    let python = std::env::var("MIRROR_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    if std::process::Command::new(&python)
-        .arg("--version")
-        .output()
-        .is_err()
-    {
-        println!("skipped: there is no {python}");
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let Some(python) = testing::python(directory, "python-plain", &[], "") else {
+        testing::skipped("tables_of_rounds", "there is no Python");
         return;
-    }
+    };
     let mut command = std::process::Command::new(&python);
     command
         .arg(project("tests/fuzz/rounds.py"))

@@ -120,10 +120,8 @@ fn recorded_scenes_are_driven() {
         .collect();
     files.sort();
     if files.is_empty() {
-        println!(
-            "skipped: there are no recorded scenes in {}",
-            data.display()
-        );
+        let why = format!("there are no recorded scenes in {}", data.display());
+        testing::skipped("recorded_scenes_are_driven", &why);
         return;
     }
     let bench = Bench::new();

@@ -227,9 +227,9 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
     assert_eq!(counts.written, (first.len() + later.len()) as u64);
 
     let Some(python) = python() else {
-        eprintln!(
-            "skipped: a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on: \
-             no Python into which mcap could be installed"
+        testing::skipped(
+            "a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on",
+            "no Python into which mcap could be installed",
         );
         return;
     };
@@ -438,9 +438,9 @@ fn a_full_disk_costs_counted_messages_and_the_run_goes_on() {
         .output()
         .is_ok_and(|output| output.status.success())
     {
-        eprintln!(
-            "skipped: a_full_disk_costs_counted_messages_and_the_run_goes_on: \
-             a file system cannot be mounted here"
+        testing::skipped(
+            "a_full_disk_costs_counted_messages_and_the_run_goes_on",
+            "a file system cannot be mounted here",
         );
         return;
     }

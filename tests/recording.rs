@@ -16,9 +16,9 @@ const READER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/read_recordi
 #[test]
 fn every_message_of_a_drive_decodes_in_python() {
     let Some(python) = python() else {
-        eprintln!(
-            "skipped: every_message_of_a_drive_decodes_in_python: \
-             no Python into which mcap and mcap-ros2-support could be installed"
+        testing::skipped(
+            "every_message_of_a_drive_decodes_in_python",
+            "no Python into which mcap and mcap-ros2-support could be installed",
         );
         return;
     };
@@ -75,9 +75,9 @@ fn checked(command: &mut Command) -> String {
 #[test]
 fn a_recording_passes_the_checks_of_rosbags_and_rerun() {
     let Some(python) = python_with_rosbags() else {
-        eprintln!(
-            "skipped: a_recording_passes_the_checks_of_rosbags_and_rerun: \
-             no Python into which rosbags and rerun-sdk could be installed"
+        testing::skipped(
+            "a_recording_passes_the_checks_of_rosbags_and_rerun",
+            "no Python into which rosbags and rerun-sdk could be installed",
         );
         return;
     };

@@ -3,7 +3,6 @@
 #![allow(dead_code)] // Each test program uses its own part.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::OnceLock;
 
 /// One that reads recordings; none where no such Python can be had.
@@ -35,20 +34,10 @@ pub fn python_with_iceoryx2() -> Option<&'static PathBuf> {
 }
 
 fn find(environment: &str, packages: &[&str], needs: &str) -> Option<PathBuf> {
-    let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
-    let serves = |python: &Path| done(Command::new(python).args(["-c", needs]));
-    let given = std::env::var_os("MIRROR_PYTHON").map(PathBuf::from);
-    let made = Path::new(env!("CARGO_TARGET_TMPDIR")).join(environment);
-    let inside = made.join("bin/python3");
-    let candidates = [given, Some(PathBuf::from("python3")), Some(inside.clone())];
-    if let Some(python) = candidates.into_iter().flatten().find(|p| serves(p)) {
-        return Some(python);
-    }
-    let installed = done(Command::new("python3").args(["-m", "venv"]).arg(&made))
-        && done(
-            Command::new(&inside)
-                .args(["-m", "pip", "install", "--quiet", "--timeout", "20"])
-                .args(packages),
-        );
-    (installed && serves(&inside)).then_some(inside)
+    testing::python(
+        Path::new(env!("CARGO_TARGET_TMPDIR")),
+        environment,
+        packages,
+        needs,
+    )
 }

@@ -12,7 +12,7 @@ use recorder::topics::{Recorded, TOPICS};
 use recorder::visual::RoadLine;
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -270,9 +270,9 @@ fn what_is_sent_once_says_so_and_is_sent_in_every_part() {
 #[test]
 fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
     let Some(python) = python() else {
-        eprintln!(
-            "skipped: pythons_ros2_reader_decodes_every_message_to_the_values_sent: \
-             no Python with mcap and mcap-ros2-support (MIRROR_PYTHON, python3)"
+        testing::skipped(
+            "pythons_ros2_reader_decodes_every_message_to_the_values_sent",
+            "no Python into which mcap and mcap-ros2-support could be installed",
         );
         return;
     };
@@ -317,17 +317,13 @@ fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
     );
 }
 
-fn python() -> Option<String> {
-    let candidates = [
-        std::env::var("MIRROR_PYTHON").ok(),
-        Some("python3".to_owned()),
-    ];
-    candidates.into_iter().flatten().find(|python| {
-        let check = Command::new(python)
-            .args(["-c", "import mcap, mcap_ros2.decoder"])
-            .output();
-        check.is_ok_and(|output| output.status.success())
-    })
+fn python() -> Option<PathBuf> {
+    testing::python(
+        Path::new(env!("CARGO_TARGET_TMPDIR")),
+        "python",
+        &["mcap>=1.2", "mcap-ros2-support>=0.5"],
+        "import mcap.reader, mcap_ros2.decoder",
+    )
 }
 
 #[test]

@@ -451,7 +451,8 @@ fn what_is_passed_over_is_said_in_one_line() {
 fn the_small_inputs_behave_as_they_should() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/commonroad");
     if !folder.is_dir() {
-        println!("skipped: there is no {}", folder.display());
+        let why = format!("there is no {}", folder.display());
+        testing::skipped("the_small_inputs_behave_as_they_should", &why);
         return;
     }
     for (file, said) in [

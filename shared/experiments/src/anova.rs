@@ -223,6 +223,7 @@ pub fn paired_t(first: &[f64], second: &[f64], tests: usize) -> Result<PairedT, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::statistics::over_people;
 
     #[derive(serde::Deserialize)]
     struct Fixture {

@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 const MOST_LINKS: u32 = 40;
 
 /// What can be written to.
+// One of them exists, for a moment.
+#[allow(clippy::large_enum_variant)]
 pub(crate) enum Target {
     /// A regular file that is there or will be.
     Regular(Regular),

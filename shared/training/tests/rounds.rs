@@ -2,17 +2,30 @@
 
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, World};
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use training::discrete::{Round, Rounds};
+
+/// Any Python; says so where there is none.
+fn python(test: &str) -> Option<PathBuf> {
+    let found = testing::python(
+        Path::new(env!("CARGO_TARGET_TMPDIR")),
+        "python-plain",
+        &[],
+        "",
+    );
+    if found.is_none() {
+        testing::skipped(test, "there is no Python");
+    }
+    found
+}
 
 /// Rounds of a domain, written as a table, turned into a file by Python, and read again.
 #[test]
 fn a_table_of_rounds_becomes_demonstrations() {
-    let python = std::env::var("MIRROR_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    if Command::new(&python).arg("--version").output().is_err() {
-        eprintln!("skipped: there is no {python}");
+    let Some(python) = python("a_table_of_rounds_becomes_demonstrations") else {
         return;
-    }
+    };
     let script = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../examples/python/rounds.py"
@@ -78,11 +91,9 @@ b,1.0,0,0,1,1,1,1,1,0,0,0,0,0,0,0,0
 /// Tables as spreadsheet programs and editors write them: what is unambiguous is read, the rest refused with file and line.
 #[test]
 fn tables_are_read_where_they_are_unambiguous() {
-    let python = std::env::var("MIRROR_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    if Command::new(&python).arg("--version").output().is_err() {
-        eprintln!("skipped: there is no {python}");
+    let Some(python) = python("tables_are_read_where_they_are_unambiguous") else {
         return;
-    }
+    };
     let script = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../examples/python/rounds.py"

@@ -22,12 +22,13 @@ pub fn real_files() -> Vec<PathBuf> {
         .filter(|file| file.is_file())
         .collect();
     if files.len() < names.len() {
-        eprintln!(
-            "skipped: {} of {} real recordings are not in {}",
-            names.len() - files.len(),
+        let missing = names.len() - files.len();
+        let why = format!(
+            "{missing} of {} are not in {}",
             names.len(),
             folder.display()
         );
+        testing::skipped("what is asked of real recordings", &why);
     }
     files
 }
@@ -45,7 +46,8 @@ pub fn ngsim_files() -> Vec<PathBuf> {
     files.retain(|file| file.extension().is_some_and(|extension| extension == "xml"));
     files.sort();
     if files.is_empty() {
-        eprintln!("skipped: there is no recording in {}", folder.display());
+        let why = format!("there is none in {}", folder.display());
+        testing::skipped("what is asked of fifteen real recordings", &why);
     }
     files
 }
