@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn who_is_not_assisted_is_told_once_when_it_begins_and_once_when_it_ends() {
-        let steps = (0..60).map(|step| step < 15 || step >= 40);
+        let steps = (0..60).map(|step| !(15..40).contains(&step));
         assert_eq!(
             told(steps, 0),
             [

@@ -3,7 +3,7 @@
 //! Every element of the result is one chain of fused multiply-adds over the inner dimension in its order, whatever the
 //! shapes, the instruction set, and the element's place. So a batch gives bit for bit what its columns give one by one,
 //! and an input given in blocks gives what it gives whole. At the sizes here (inner dimensions up to some hundreds)
-//! this kernel also outruns the general product of faer (`benches/speed.rs` measures both).
+//! this kernel also outruns general products that pack their operands (`benches/speed.rs` measures one beside it).
 
 use crate::vectors::{self, Vectors};
 use pulp::{Scalar128b, Scalar256b, Scalar512b, Simd, WithSimd};

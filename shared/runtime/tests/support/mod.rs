@@ -1,4 +1,5 @@
 //! Children, scratch directories and messages of wrong layouts.
+#![allow(dead_code)] // Each test program uses its own part.
 
 pub mod roles;
 
