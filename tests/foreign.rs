@@ -334,6 +334,14 @@ with Node(RunArguments(sys.argv[-1])) as node:
     assert node.lost_wakeups == 0, "it had to look up"
 "#;
 
+/// A root of instances, which has to be this user's alone.
+fn private_directory() -> tempfile::TempDir {
+    tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
+        .tempdir_in("/tmp")
+        .unwrap()
+}
+
 #[test]
 fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
     let Some(python) = python_with_iceoryx2() else {
@@ -345,7 +353,7 @@ fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
     };
     const MINUTE_NS: u64 = 60_000_000_000;
     let bench = Bench::new();
-    let root = tempfile::tempdir_in("/tmp").unwrap();
+    let root = private_directory();
     let lock = InstanceLock::acquire(root.path(), "swallowed").unwrap();
     let mut launcher = Launcher::open(lock, 7, ClockMode::Lockstep).unwrap();
     let world = RunArguments {

@@ -238,6 +238,7 @@ fn what_another_user_puts_into_shared_memory_is_refused_and_stays() {
 fn a_runtime_directory_is_preferred_and_a_set_in_it_is_found() {
     let (bench, name) = (Bench::new(), instance("xdg"));
     let runtime = tempfile::tempdir_in("/tmp").unwrap();
+    std::fs::set_permissions(runtime.path(), PermissionsExt::from_mode(0o700)).unwrap();
     let mut command = bench.up(&name);
     command.env("XDG_RUNTIME_DIR", runtime.path());
     command.args(["--episodes", "1000000", "--quiet"]);
@@ -326,7 +327,7 @@ fn shared_memory_that_is_small_or_cannot_be_used_is_refused_in_words() {
     let (bench, name) = (Bench::new(), instance("shm"));
     let up = bench.up(&name);
     let arguments: Vec<&str> = up.get_args().map(|word| word.to_str().unwrap()).collect();
-    let arguments = [&arguments[..], &["--episodes", "1", "--quiet"]].concat();
+    let arguments = [&arguments[..], &["--episodes", "1", "--quiet"][..]].concat();
     let with = |options: &str| {
         let script = format!("mount -t tmpfs -o {options} none /dev/shm; exec \"$0\" \"$@\"");
         in_own_mounts(&script, Path::new(env!("CARGO_BIN_EXE_mirror")), &arguments)
@@ -400,18 +401,22 @@ fn a_program_that_was_moved_away_from_its_sources_works() {
         "--quiet",
     ];
     let commands: [Vec<&str>; 5] = [
-        [&["up", "--instance", &first, "--record", drive][..], &short].concat(),
+        [
+            &["up", "--instance", first.as_str(), "--record", drive][..],
+            &short[..],
+        ]
+        .concat(),
         [
             &[
                 "up",
                 "--instance",
-                &second,
+                second.as_str(),
                 "--scene",
                 "search-smoke",
                 "--driver",
                 "sim:2",
             ][..],
-            &short,
+            &short[..],
         ]
         .concat(),
         vec!["replay", drive],

@@ -28,6 +28,19 @@ fn frames(path: &Path) -> (Vec<u64>, Found) {
     (sequences, found.unwrap())
 }
 
+/// When the LIDAR frames of a file were, as whole steps of the drive from 1970 on, and what is left over.
+fn times(path: &Path) -> Vec<(u64, u64)> {
+    const STEP_NS: u64 = 150_000_000;
+    let bytes = std::fs::read(path).unwrap();
+    let options = mcap::read::Options::IgnoreEndMagic;
+    let messages = mcap::MessageStream::new_with_options(&bytes, options.into()).unwrap();
+    let messages = messages.map_while(Result::ok);
+    messages
+        .filter(|message| message.channel.topic == "/world/lidar")
+        .map(|message| (message.log_time / STEP_NS, message.log_time % STEP_NS))
+        .collect()
+}
+
 /// The last step that any message of a file is of.
 fn last_step(path: &Path) -> (u32, u32) {
     let mut last = (0, 0);
@@ -146,7 +159,10 @@ impl Set {
 
 #[test]
 fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
-    let root = tempfile::tempdir().unwrap();
+    let root = tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
+        .tempdir()
+        .unwrap();
     let (file, result) = (
         root.path().join("drive.mcap"),
         root.path().join("result.json"),
@@ -277,6 +293,10 @@ fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
     let (later, found) = frames(&second);
     assert_eq!(found.ending, Ending::Closed);
     sequences.extend(later);
+    // The drive's time goes on: forward, and from step to step.
+    let times = [times(&file), times(&second)].concat();
+    assert!(times.is_sorted_by(|before, after| before.0 < after.0));
+    assert!(times.iter().all(|(_, rest)| *rest == times[0].1));
     let recording = &summary(&json)["recording"];
     assert_eq!(
         recording["parts"].as_array().unwrap().len(),
@@ -312,11 +332,13 @@ fn a_recorder_killed_in_a_whole_run_leaves_a_recording() {
 
 /// `--exec recorder=…` with a recorder whose options say that its disk is slow.
 fn slow_recorder(bench: &Bench, stall_ms: u32, blocks: u32) -> String {
+    let slow = bench.path("slow.json");
+    let slow = slow.display();
     let text = format!(
         "set -e\nsed -e 's/\"stall_ms_per_chunk\":0/\"stall_ms_per_chunk\":{stall_ms}/' \
-         -e 's/\"queue_blocks\":0/\"queue_blocks\":{blocks}/' \"$1\" > \"$1.slow\"\n\
-         grep -q 'chunk\":{stall_ms}.*blocks\":{blocks}\\|blocks\":{blocks}.*chunk\":{stall_ms}' \"$1.slow\"\n\
-         exec {} process \"$1.slow\"\n",
+         -e 's/\"queue_blocks\":0/\"queue_blocks\":{blocks}/' \"$1\" > {slow}\n\
+         grep -q 'chunk\":{stall_ms}.*blocks\":{blocks}\\|blocks\":{blocks}.*chunk\":{stall_ms}' {slow}\n\
+         exec {} process {slow}\n",
         env!("CARGO_BIN_EXE_mirror")
     );
     let script = bench.write("slow.sh", text);

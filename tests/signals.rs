@@ -42,7 +42,19 @@ fn start(bench: &Bench, name: &str, options: &[&str]) -> Live {
         .arg(bench.path("up.json"))
         .args(options)
         .process_group(0);
+    on_hangup(&mut command, libc::SIG_DFL);
     Live::start(&mut command, name)
+}
+
+/// What the command finds in place for SIGHUP, whatever these tests were started with.
+fn on_hangup(command: &mut Command, handler: libc::sighandler_t) {
+    // SAFETY: only calls what may be called between fork and exec.
+    unsafe {
+        command.pre_exec(move || {
+            libc::signal(libc::SIGHUP, handler);
+            Ok(())
+        });
+    }
 }
 
 #[test]
@@ -66,13 +78,7 @@ fn under_nohup_it_goes_on() {
     let name = instance("nohup");
     let mut command = bench.up(&name);
     command.args(["--episodes", "1000000"]).process_group(0);
-    // SAFETY: only calls what may be called between fork and exec.
-    unsafe {
-        command.pre_exec(|| {
-            libc::signal(libc::SIGHUP, libc::SIG_IGN);
-            Ok(())
-        });
-    }
+    on_hangup(&mut command, libc::SIG_IGN);
     let mut live = Live::start(&mut command, &name);
     send(live.child.id(), libc::SIGHUP);
     goes_on(&name, 100);

@@ -25,7 +25,8 @@ max_steps = 40
 fn up(scene: &Path, vectors: &str, summary: &Path) -> Command {
     let mut command = mirror();
     command.args(["up", "--vectors", vectors, "--episodes", "1", "--quiet"]);
-    command.args(["--instance", &instance(&format!("vectors-{vectors}"))]);
+    let place = scene.file_stem().unwrap().to_string_lossy();
+    command.args(["--instance", &instance(&format!("{place}-{vectors}"))]);
     command.arg("--scene").arg(scene);
     command.arg("--summary").arg(summary);
     command

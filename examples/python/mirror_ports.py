@@ -4,7 +4,6 @@ process's turn. `mirror_process.Node` makes these ports.
 
 import ctypes
 import mmap
-import os
 import sys
 import time
 from collections import deque
@@ -23,10 +22,10 @@ MOST_HELD = 4
 _suspended = None
 
 
-def follow_clock(directory: str):
-    """Follows the clock of the instance with this directory."""
+def follow_clock(path: str):
+    """Follows the clock of an instance, whose page is this file."""
     global _suspended
-    with open(os.path.join(directory, "clock"), "rb") as file:
+    with open(path, "rb") as file:
         _suspended = mmap.mmap(file.fileno(), 8, prot=mmap.PROT_READ)
 
 

@@ -54,15 +54,20 @@ class RunArguments:
             raise Failure(f"{path}: {error!r}") from error
 
 
-def instance_config(arguments: RunArguments):
-    """iceoryx2's configuration for an instance: its own root path and its own prefix."""
+def instance_prefix(arguments: RunArguments) -> str:
+    """The start of all names that are an instance's."""
     place = f"{arguments.root}\n{arguments.instance}"
     hashed = 0xCBF2_9CE4_8422_2325
     for byte in place.encode():  # FNV-1a
         hashed = (hashed ^ byte) * 0x0000_0100_0000_01B3 % 2**64
+    return f"m{hashed >> 32:08x}_"
+
+
+def instance_config(arguments: RunArguments):
+    """iceoryx2's configuration for an instance: its own root path and its own prefix."""
     config = iox2.config.default()
     config.global_cfg.root_path = iox2.Path.new(os.path.join(arguments.root, arguments.instance))
-    config.global_cfg.prefix = iox2.FileName.new(f"m{hashed >> 32:08x}_")
+    config.global_cfg.prefix = iox2.FileName.new(instance_prefix(arguments))
     # The launcher cleans up, at moments of its own choosing.
     config.global_cfg.node.cleanup_dead_nodes_on_creation = False
     config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
@@ -106,7 +111,8 @@ class Node:
         self._banked_ns, self._woken_ns = 0, now_ns()
         self._inputs, self._outputs, self._waitsets, self._services = [], [], {}, []
         self._follow_launcher()
-        follow_clock(os.path.join(arguments.root, arguments.instance))
+        clock = instance_prefix(arguments) + "clock"
+        follow_clock(os.path.join(arguments.root, arguments.instance, clock))
         iox2.set_log_level(iox2.LogLevel.Error)
         self._config = instance_config(arguments)
         self._node = (
@@ -276,8 +282,9 @@ class Node:
     def _sleep(self, inputs, longest_ns):
         naps, self._has_emptied = self._has_emptied, False
         timeout_ns = NAP_NS if naps else LOOK_UP_NS
-        if longest_ns is not None:
-            timeout_ns = min(timeout_ns, longest_ns)
+        looks_up = not naps
+        if longest_ns is not None and longest_ns <= timeout_ns:
+            timeout_ns, looks_up = longest_ns, False
         waitset, launcher, listeners = self._waitset(inputs)
         events, _ = waitset.wait_and_process_with_timeout(iox2.Duration.from_nanos(timeout_ns))
         try:
@@ -291,15 +298,17 @@ class Node:
             if any(event.has_event_from(guard) for event in events):
                 source._mark_notified()
         if not events:
-            self._look_up([source for source, _ in listeners], naps)
+            if not naps:
+                self.connect()
+            self._reset([source for source, _ in listeners], looks_up)
 
-    def _look_up(self, sources, has_napped: bool):
-        """After a sleep that nothing ended: whatever is known of the listeners, they are emptied."""
-        if not has_napped:
-            self.connect()
+    def _reset(self, sources, looks_up: bool):
+        """After a sleep that nothing ended: whatever is known of the listeners, they are emptied. What is found after a
+        whole sleep did not wake this process though its sender meant to.
+        """
         for source in sources:
             source._mark_notified()
-            if source._drain() and not has_napped and source.pending():
+            if source._drain() and looks_up and source.pending():
                 self.lost_wakeups += 1
 
     def _waitset(self, inputs):

@@ -22,7 +22,7 @@ use std::time::Instant;
 /// `mirror evaluate`.
 pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
     if let Some(results) = results_of(study) {
-        inputs::writable("--results", results).map_err(Failure::refused)?;
+        inputs::writable_file("--results", results).map_err(Failure::refused)?;
     }
     match study {
         Evaluate::Fit(arguments) => gridworld::evaluate::fit(arguments),

@@ -7,6 +7,7 @@
 use crate::topics::{Recorded, TOPICS};
 use messages::{Header, topic};
 use runtime::now_ns;
+use std::collections::VecDeque;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Topics of the world, whose steps are the drive's.
@@ -17,8 +18,12 @@ const WORLD: [&str; 5] = [
     topic::SCENE,
     topic::OUTCOME,
 ];
+/// Of these, what is sensed: the step that ends an episode has none.
+const SENSED: [&str; 2] = [topic::LIDAR, topic::OBSERVATION];
 /// A first message that was sent longer ago than this does not say when the drive began: its sender has another clock.
 const TRUSTED_AGE_NS: u64 = 10_000_000_000;
+/// Episodes that are remembered: more than the recorder's ports hold messages of.
+const MOST_BEFORE: usize = 1024;
 /// Step length where nobody said what it is.
 const DEFAULT_STEP_NS: u64 = 1_000_000_000;
 
@@ -39,12 +44,13 @@ pub struct Anchor {
 }
 
 /// Follows a drive's messages.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct DriveTime {
     step_ns: u64,
     /// None before the first message of the world.
     now: Option<Episode>,
-    before: Option<Episode>,
+    /// Episodes before, the latest last: of what waits in the recorder's ports, the world's share is taken first.
+    before: VecDeque<Episode>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +89,7 @@ impl DriveTime {
                 step_ns
             },
             now: None,
-            before: None,
+            before: VecDeque::new(),
         }
     }
 
@@ -113,7 +119,7 @@ impl DriveTime {
         let topic = &TOPICS[message.topic()];
         let header = message.header();
         if is_world(topic.name) {
-            self.follow(header, topic.name != topic::OUTCOME);
+            self.follow(header, SENSED.contains(&topic.name));
         }
         let now = self.now?;
         let now_ns = now.time_ns(now.step, self.step_ns);
@@ -121,13 +127,20 @@ impl DriveTime {
             return Some(now_ns); // orders and reports are of no step
         }
         let limit_ns = now_ns.saturating_add(self.step_ns);
-        let episode = [Some(now), self.before].into_iter().flatten();
-        let mut episode = episode.filter(|episode| episode.number == header.episode);
-        let time_ns = episode
-            .next()
-            .map_or(now_ns, |episode| episode.time_ns(header.step, self.step_ns));
+        let time_ns = match self.episode(header.episode) {
+            Some(episode) => episode.time_ns(header.step, self.step_ns),
+            None => now_ns,
+        };
         // A decision is for the next step; nobody knows more of what is to come.
         Some(time_ns.min(limit_ns))
+    }
+
+    fn episode(&self, number: u32) -> Option<&Episode> {
+        let now = self.now.iter();
+        let mut episodes = now.chain(self.before.iter().rev());
+        // They are in order, so that most are found at once, and none is looked for in vain for long.
+        let found = episodes.find(|episode| episode.number <= number);
+        found.filter(|episode| episode.number == number)
     }
 
     fn follow(&mut self, header: &Header, is_sensed: bool) {
@@ -151,12 +164,16 @@ impl DriveTime {
                         before.time_ns(end, self.step_ns)
                     },
                 );
-                self.before = now.replace(Episode {
+                let before = now.replace(Episode {
                     number,
                     begin_ns,
                     step,
                     sensed: is_sensed.then_some(step),
                 });
+                self.before.extend(before);
+                if self.before.len() > MOST_BEFORE {
+                    self.before.pop_front();
+                }
             }
         }
     }
@@ -176,7 +193,7 @@ fn wall_clock_ns(sent_ns: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{CommAction, Display, LidarFrame, Message, Outcome, Report};
+    use messages::{CommAction, Display, LidarFrame, Message, Outcome, Report, Scene};
 
     const STEP_NS: u64 = 150_000_000;
 
@@ -230,6 +247,7 @@ mod tests {
             of::<LidarFrame>(&mut time, 3, 9);
             let end = start + 10 * STEP_NS;
             if outcome_first {
+                assert_eq!(of::<Scene>(&mut time, 3, 10), end);
                 assert_eq!(of::<Outcome>(&mut time, 3, 10), end);
             }
             let next = of::<LidarFrame>(&mut time, 4, 0);
@@ -238,6 +256,24 @@ mod tests {
             assert_eq!(of::<Outcome>(&mut time, 3, 10), end);
             assert_eq!(of::<Display>(&mut time, 3, 9), end - STEP_NS);
             assert_eq!(of::<LidarFrame>(&mut time, 4, 1), next + STEP_NS);
+        }
+    }
+
+    /// The recorder empties one topic after the other: many episodes of one before the first of the next.
+    #[test]
+    fn many_short_episodes_are_told_apart() {
+        let mut time = DriveTime::new(STEP_NS);
+        let begins: Vec<u64> = (0..200)
+            .map(|episode| {
+                let begin = of::<LidarFrame>(&mut time, episode, 0);
+                of::<LidarFrame>(&mut time, episode, 4);
+                begin
+            })
+            .collect();
+        for (episode, begin) in (0..).zip(&begins) {
+            assert_eq!(*begin, begins[0] + u64::from(episode) * 6 * STEP_NS);
+            assert_eq!(of::<Display>(&mut time, episode, 3), begin + 3 * STEP_NS);
+            assert_eq!(of::<Outcome>(&mut time, episode, 5), begin + 5 * STEP_NS);
         }
     }
 

@@ -8,27 +8,35 @@
 use crate::topics::{PerTopic, Recorded, TOPICS};
 use messages::topic;
 
-/// Messages held at most: some 400 steps, 11 MB.
-const MOST: usize = 4096;
-/// How long a message is held for topics that are silent, between two moments of sending.
+/// Messages held at most, 45 MB: more than all of the recorder's ports hold, which it empties one after the other.
+const MOST: usize = 16 << 10;
+/// How long a message is held for topics that are silent, between two moments of sending …
 const PATIENCE_NS: u64 = 500_000_000;
+/// … and how many rounds through all topics: what waits in a port is not silent.
+const PATIENCE_ROUNDS: u64 = 2;
 
 /// Topics of which a world has one or the other pair.
 const HIGHWAY: [&str; 2] = [topic::LIDAR, topic::SCENE];
 const GRIDWORLD: [&str; 2] = [topic::OBSERVATION, topic::PICTURE];
 
+/// What decides about a message that is held.
+#[derive(Clone, Copy)]
 struct Held {
     time_ns: u64,
-    message: Recorded,
+    sent_ns: u64,
+    round: u64,
+    topic: usize,
+    /// Where it lies.
+    slot: usize,
 }
 
 /// Messages that wait for their place.
 pub struct Order {
     held: Vec<Held>,
-    /// The same memory in turn.
-    kept: Vec<Held>,
-    /// By time, topic and arrival.
-    sorted: Vec<u32>,
+    /// The earliest of them.
+    first: Option<Held>,
+    slots: Vec<Recorded>,
+    free: Vec<usize>,
     /// Time of each topic's newest message.
     newest: PerTopic,
     awaited: [bool; TOPICS.len()],
@@ -36,18 +44,24 @@ pub struct Order {
     out_ns: u64,
     /// When the newest message was sent.
     sent_ns: u64,
+    /// Rounds through the topics so far, and the topic at which this one is.
+    round: u64,
+    topic: usize,
 }
 
 impl Default for Order {
     fn default() -> Self {
         Self {
             held: Vec::new(),
-            kept: Vec::new(),
-            sorted: Vec::new(),
+            first: None,
+            slots: Vec::new(),
+            free: Vec::new(),
             newest: [0; TOPICS.len()],
             awaited: core::array::from_fn(|topic| TOPICS[topic].is_repeatable()),
             out_ns: 0,
             sent_ns: 0,
+            round: 0,
+            topic: 0,
         }
     }
 }
@@ -55,25 +69,49 @@ impl Default for Order {
 impl Order {
     /// Holds a message of this time.
     pub fn push(&mut self, time_ns: u64, message: &Recorded) {
-        let topic = message.topic();
+        let (topic, sent_ns) = (message.topic(), message.header().sent_ns);
         let time_ns = time_ns.max(self.newest[topic]).max(self.out_ns);
         self.newest[topic] = time_ns;
         self.awaited[topic] = TOPICS[topic].is_repeatable();
+        self.await_one_world(topic);
+        self.sent_ns = self.sent_ns.max(sent_ns);
+        self.round += u64::from(topic < self.topic);
+        self.topic = topic;
+        let slot = match self.free.pop() {
+            Some(slot) => {
+                self.slots[slot] = *message;
+                slot
+            }
+            None => {
+                self.slots.push(*message);
+                self.slots.len() - 1
+            }
+        };
+        let held = Held {
+            time_ns,
+            sent_ns,
+            round: self.round,
+            topic,
+            slot,
+        };
+        if self.first.is_none_or(|first| time_ns < first.time_ns) {
+            self.first = Some(held);
+        }
+        self.held.push(held);
+    }
+
+    /// Where one world's topics are heard, the other's are not waited for.
+    fn await_one_world(&mut self, topic: usize) {
         let other = match TOPICS[topic].name {
             name if HIGHWAY.contains(&name) => GRIDWORLD,
             name if GRIDWORLD.contains(&name) => HIGHWAY,
-            _ => ["", ""],
+            _ => return,
         };
         for (topic, known) in TOPICS.iter().enumerate() {
             if other.contains(&known.name) {
                 self.awaited[topic] &= self.newest[topic] > 0;
             }
         }
-        self.sent_ns = self.sent_ns.max(message.header().sent_ns);
-        self.held.push(Held {
-            time_ns,
-            message: *message,
-        });
     }
 
     /// Messages held.
@@ -94,12 +132,14 @@ impl Order {
         &mut self,
         take: impl FnMut(u64, &Recorded) -> Result<(), E>,
     ) -> Result<(), E> {
+        let Some(first) = self.first else {
+            return Ok(());
+        };
         let mut limit_ns = self.limit_ns();
-        while let Some(oldest) = self.held.iter().min_by_key(|held| held.time_ns)
-            && oldest.time_ns >= limit_ns
-            && limit_ns < u64::MAX
-            && (self.held.len() >= MOST || self.is_overdue(&oldest.message))
-        {
+        while first.time_ns >= limit_ns {
+            if self.held.len() < MOST && !self.is_overdue(&first) {
+                return Ok(());
+            }
             for (topic, awaited) in self.awaited.iter_mut().enumerate() {
                 *awaited &= self.newest[topic] > limit_ns;
             }
@@ -119,8 +159,9 @@ impl Order {
         self.release_before(u64::MAX, take)
     }
 
-    fn is_overdue(&self, message: &Recorded) -> bool {
-        self.sent_ns.saturating_sub(message.header().sent_ns) >= PATIENCE_NS
+    fn is_overdue(&self, held: &Held) -> bool {
+        self.sent_ns.saturating_sub(held.sent_ns) >= PATIENCE_NS
+            && self.round - held.round >= PATIENCE_ROUNDS
     }
 
     /// The time up to which all topics have come.
@@ -135,28 +176,18 @@ impl Order {
         limit_ns: u64,
         mut take: impl FnMut(u64, &Recorded) -> Result<(), E>,
     ) -> Result<(), E> {
-        let Self { held, sorted, .. } = self;
-        sorted.clear();
-        sorted.extend(0..held.len() as u32);
         // Stable: messages of one topic stay in the order in which they came.
-        sorted.sort_by_key(|index| {
-            let Held { time_ns, message } = &held[*index as usize];
-            (*time_ns, message.topic())
-        });
-        let released = sorted.partition_point(|index| held[*index as usize].time_ns < limit_ns);
+        self.held.sort_by_key(|held| (held.time_ns, held.topic));
+        let released = self.held.partition_point(|held| held.time_ns < limit_ns);
         let mut result = Ok(());
-        for index in &sorted[..released] {
-            let Held { time_ns, message } = &held[*index as usize];
-            self.out_ns = self.out_ns.max(*time_ns);
-            result = take(*time_ns, message);
-            if result.is_err() {
-                break;
+        for held in self.held.drain(..released) {
+            self.free.push(held.slot);
+            if result.is_ok() {
+                self.out_ns = self.out_ns.max(held.time_ns);
+                result = take(held.time_ns, &self.slots[held.slot]);
             }
         }
-        self.kept.clear();
-        let is_kept = |held: &Held| held.time_ns >= limit_ns;
-        self.kept.extend(self.held.drain(..).filter(is_kept));
-        core::mem::swap(&mut self.held, &mut self.kept);
+        self.first = self.held.first().copied();
         result
     }
 }
@@ -241,15 +272,52 @@ mod tests {
         assert_eq!(released(&mut order), []);
         push::<LidarFrame>(&mut order, steps + 1..steps + 2);
         push::<DriverAction>(&mut order, steps + 1..steps + 2);
+        // What comes of the others may have been in their ports all the while.
+        assert_eq!(released(&mut order), []);
+        push::<LidarFrame>(&mut order, steps + 2..steps + 3);
         assert_eq!(released(&mut order).len(), 4);
         // It comes back: what is of old steps stands where the file is.
         push::<Display>(&mut order, 0..2);
         push::<Display>(&mut order, steps + 1..steps + 3);
-        push::<LidarFrame>(&mut order, steps + 2..steps + 3);
         push::<DriverAction>(&mut order, steps + 2..steps + 3);
         let out = released(&mut order);
         assert_eq!(out[..2], [(2, topic::DISPLAY), (2, topic::DISPLAY)]);
         assert_eq!(out.len(), 5);
+    }
+
+    /// A recorder that got no time for ten seconds finds a thousand messages on every topic.
+    #[test]
+    fn a_recorder_that_was_kept_waiting_loses_no_times() {
+        const STEP_NS: u64 = 10_000_000;
+        let mut order = Order::default();
+        let mut out = Vec::new();
+        let mut look = |order: &mut Order| {
+            let result = order.release(|time_ns, message| {
+                assert_eq!(time_ns, u64::from(message.header().step) + 1);
+                out.push(time_ns);
+                Ok::<_, ()>(())
+            });
+            result.expect("nothing fails");
+        };
+        for round in 0..2 {
+            for topic in 0..TOPICS.len() {
+                if [topic::OBSERVATION, topic::PICTURE].contains(&TOPICS[topic].name)
+                    || !TOPICS[topic].is_repeatable()
+                {
+                    continue;
+                }
+                for step in round * 1000..(round + 1) * 1000 {
+                    let bytes = vec![0; TOPICS[topic].size];
+                    let mut message = Recorded::from_bytes(topic, &bytes).expect("its size");
+                    message.header_mut().step = step;
+                    message.header_mut().sent_ns = u64::from(step) * STEP_NS;
+                    order.push(u64::from(step) + 1, &message);
+                    look(&mut order);
+                }
+            }
+        }
+        assert!(out.len() > 1000 * 8, "{}", out.len());
+        assert!(out.is_sorted());
     }
 
     #[test]

@@ -84,7 +84,9 @@ fn record(
     instance: &str,
     record: Option<&Path>,
 ) -> anyhow::Result<(RecorderResult, String, String)> {
-    let root = tempfile::tempdir()?;
+    let root = tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
+        .tempdir()?;
     let lock = InstanceLock::acquire(root.path(), instance)?;
     let mut launcher = Launcher::open(lock, 42, ClockMode::Lockstep)?;
     let process = |name: &str, index| RunArguments {
@@ -188,7 +190,9 @@ fn the_digest_needs_no_file() -> anyhow::Result<()> {
 
 #[test]
 fn a_recording_that_cannot_be_created_ends_the_process_with_the_files_name() -> anyhow::Result<()> {
-    let root = tempfile::tempdir()?;
+    let root = tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
+        .tempdir()?;
     let lock = InstanceLock::acquire(root.path(), "bad")?;
     let launcher = Launcher::open(lock, 42, ClockMode::RealTime)?;
     let ours = RunArguments {

@@ -310,6 +310,28 @@ fn what_is_no_recording_is_named() {
     read_all(folder.path()).expect_err("a folder");
 }
 
+/// Records of every kind with too few bytes: a reader that takes for granted what an attachment must have comes down here.
+#[test]
+fn records_that_are_too_short_are_damage() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("short.mcap");
+    for (opcode, fill) in (0..=0x10).flat_map(|opcode| [(opcode, 0), (opcode, 1), (opcode, 0xff)]) {
+        for length in 0..70_u64 {
+            let mut bytes = mcap::MAGIC.to_vec();
+            bytes.push(opcode);
+            bytes.extend_from_slice(&length.to_le_bytes());
+            bytes.resize(bytes.len() + length as usize, fill);
+            bytes.extend_from_slice(&[0; 20]);
+            std::fs::write(&path, &bytes).expect("ours");
+            if let Ok((found, messages)) = read_all(&path) {
+                assert!(messages.is_empty());
+                assert!(!found.is_complete(), "kind {opcode} of {length} bytes");
+            }
+            let _ = (run_of(&path), recorder::read::end_of(&path));
+        }
+    }
+}
+
 fn short_recording() -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("drive.mcap");

@@ -115,13 +115,8 @@ pub fn write_section(file: &Path, study: &str, title: &str, body: &str) -> anyho
         format!("<!-- mirror:{study} begin -->"),
         format!("<!-- mirror:{study} end -->"),
     );
-    // Nothing is to be read from a device, and a pipe would be waited for.
-    let is_stream = std::fs::metadata(file).is_ok_and(|found| !found.is_file());
-    let found = match is_stream {
-        true => Err(std::io::ErrorKind::NotFound.into()),
-        false => std::fs::read_to_string(file),
-    };
-    let before = match found {
+    files::check_regular(file)?;
+    let before = match std::fs::read_to_string(file) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => HEAD.to_owned(),
         Err(e) => return Err(e).with_context(|| file.display().to_string()),

@@ -12,11 +12,9 @@ use std::path::{Path, PathBuf};
 const MOST_LINKS: u32 = 40;
 
 /// What can be written to.
-// One of them exists, for a moment.
-#[allow(clippy::large_enum_variant)]
 pub(crate) enum Target {
     /// A regular file that is there or will be.
-    Regular(Regular),
+    Regular(Box<Regular>),
     /// An open device or pipe.
     Stream(File),
 }
@@ -33,7 +31,7 @@ pub(crate) struct Regular {
 impl Target {
     pub(crate) fn of(path: &Path) -> Result<Self, FileError> {
         if let Some(regular) = Self::look(path)? {
-            return Ok(Self::Regular(regular));
+            return Ok(Self::Regular(Box::new(regular)));
         }
         if let Some(own) = own_output(path) {
             return own.map(Self::Stream).map_err(at(path));

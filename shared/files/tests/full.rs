@@ -3,6 +3,29 @@
 
 use std::path::Path;
 
+/// The process's limit on the length of files; none when dropped, so that the test's own output has room.
+struct Limit;
+
+impl Limit {
+    fn set(bytes: libc::rlim_t) {
+        let limit = libc::rlimit {
+            rlim_cur: bytes,
+            rlim_max: libc::RLIM_INFINITY,
+        };
+        // SAFETY: plain system calls with a live structure; no handler of ours is replaced.
+        unsafe {
+            libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+            assert_eq!(libc::setrlimit(libc::RLIMIT_FSIZE, &raw const limit), 0);
+        }
+    }
+}
+
+impl Drop for Limit {
+    fn drop(&mut self) {
+        Self::set(libc::RLIM_INFINITY);
+    }
+}
+
 #[test]
 fn a_full_disk_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -11,15 +34,8 @@ fn a_full_disk_changes_nothing() {
         std::fs::write(at(name), "old").expect("written");
     }
     std::fs::hard_link(at("two"), at("also two")).expect("linked");
-    let limit = libc::rlimit {
-        rlim_cur: 1000,
-        rlim_max: 1000,
-    };
-    // SAFETY: plain system calls with a live structure; no handler of ours is replaced.
-    unsafe {
-        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
-        assert_eq!(libc::setrlimit(libc::RLIMIT_FSIZE, &raw const limit), 0);
-    }
+    Limit::set(1000);
+    let _limit = Limit;
     let refused = |path: &Path| {
         let error = files::write(path, &[b'x'; 2000]).expect_err("too much");
         assert!(

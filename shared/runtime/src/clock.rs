@@ -11,7 +11,7 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// The page's file in an instance's directory.
+/// End of the name of the page's file in an instance's directory, after the prefix of all names that are the instance's.
 const PAGE: &str = "clock";
 
 /// Nanoseconds for which the set was suspended; null as long as this process has joined none. Once mapped, a page stays:
@@ -24,12 +24,12 @@ fn suspended() -> Option<&'static AtomicU64> {
     unsafe { SUSPENDED_NS.load(Ordering::Acquire).as_ref() }
 }
 
-/// Follows the clock of the instance with this directory, from now on; one without a launcher has no directory, and nobody
-/// who would suspend it.
+/// Follows the clock of the instance with this directory and this prefix, from now on; one without a launcher has no
+/// directory, and nobody who would suspend it.
 ///
 /// # Errors
 /// When the page's file cannot be made, opened or mapped.
-pub(crate) fn follow(directory: &Path) -> io::Result<()> {
+pub(crate) fn follow(directory: &Path, prefix: &str) -> io::Result<()> {
     let opened = OpenOptions::new()
         .read(true)
         .write(true)
@@ -37,7 +37,7 @@ pub(crate) fn follow(directory: &Path) -> io::Result<()> {
         .truncate(false)
         .mode(0o600)
         .custom_flags(libc::O_NOFOLLOW)
-        .open(directory.join(PAGE));
+        .open(directory.join(format!("{prefix}{PAGE}")));
     let file = match opened {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         opened => opened?,

@@ -359,7 +359,7 @@ impl Node {
         let until_deadline = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
         let woken = sleeper.sleep(until_deadline)?;
         if woken != Woken::Ready {
-            if woken == Woken::TimeOver {
+            if woken != Woken::NapOver {
                 self.shared.connect();
             }
             sleeper.reset(&mut self.control)?;

@@ -11,7 +11,7 @@ use iceoryx2::node::{NodeState, NodeView};
 use iceoryx2::prelude::CallbackProgression;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
-use rustix::process::{Flock, FlockType, Pid, PidfdFlags, Signal};
+use rustix::process::{Flock, FlockType, PidfdFlags, Signal};
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
@@ -21,29 +21,24 @@ const PATIENCE: Timespec = Timespec {
     tv_nsec: 200_000_000,
 };
 
-struct Orphan {
-    pid: Pid,
-    /// The file that it holds locked.
-    monitor: String,
-}
-
 /// Ends processes whose launcher is dead, giving them a second to do so themselves; only for who holds the instance's
 /// lock.
 ///
 /// # Errors
 /// [`InstanceError::Nodes`] if somebody lives on who is not to be signalled.
 pub(crate) fn end(root: &Path, instance: &str) -> Result<(), InstanceError> {
-    for Orphan { pid, monitor } in orphans(root, instance)? {
-        let process = rustix::process::pidfd_open(pid, PidfdFlags::empty());
-        // Only now: whoever holds the lock is the process that the descriptor stands for.
+    for monitor in monitors(root, instance)? {
         let Some(lock) = lock_on(root, instance, &monitor)? else {
             continue;
         };
-        let Ok(process) = process else {
-            return Err(stranger(instance));
+        let pid = lock.pid.ok_or_else(|| stranger(instance))?;
+        let Ok(process) = rustix::process::pidfd_open(pid, PidfdFlags::empty()) else {
+            continue;
         };
-        if lock.pid != Some(pid) {
-            return Err(stranger(instance));
+        // The descriptor stands for whoever has the id now: for the holder, if the lock is still that id's.
+        let still = lock_on(root, instance, &monitor)?;
+        if still.and_then(|lock| lock.pid) != Some(pid) {
+            continue;
         }
         if !has_ended(&process, &PATIENCE) {
             // One that ended meanwhile needs no signal.
@@ -54,7 +49,7 @@ pub(crate) fn end(root: &Path, instance: &str) -> Result<(), InstanceError> {
     Ok(())
 }
 
-/// Its id means another process here, or none: the instance is used from within a container, say.
+/// It has no id here: the instance is used from within a container, say.
 fn stranger(instance: &str) -> InstanceError {
     InstanceError::Nodes {
         instance: instance.to_owned(),
@@ -63,23 +58,25 @@ fn stranger(instance: &str) -> InstanceError {
     }
 }
 
-fn orphans(root: &Path, instance: &str) -> Result<Vec<Orphan>, InstanceError> {
+/// The files that living processes other than this one hold locked, one a node.
+fn monitors(root: &Path, instance: &str) -> Result<Vec<String>, InstanceError> {
     let config = config(root, instance)?;
-    let mut orphans = Vec::new();
+    let mut monitors = Vec::new();
     if !directory(root, instance).is_dir() {
-        return Ok(orphans);
+        return Ok(monitors);
     }
     let prefix = prefix(root, instance);
-    let own = rustix::process::getpid();
+    let own = std::process::id();
     iceoryx2::node::Node::<Ipc>::list(&config, |state| {
-        if let NodeState::Alive(view) = &state
-            && let Some(details) = view.details()
-            && let Some(pid) = Pid::from_raw(details.process_id().value())
+        if let NodeState::Alive(view) = &state {
+            let pid = view
+                .details()
+                .as_ref()
+                .map(|details| details.process_id().value() as u32);
             // Looking at our own lock would release it.
-            && pid != own
-        {
-            let monitor = format!("{prefix}{}.node_monitor", view.id().value());
-            orphans.push(Orphan { pid, monitor });
+            if pid != Some(own) {
+                monitors.push(format!("{prefix}{}.node_monitor", view.id().value()));
+            }
         }
         CallbackProgression::Continue
     })
@@ -87,7 +84,7 @@ fn orphans(root: &Path, instance: &str) -> Result<Vec<Orphan>, InstanceError> {
         instance: instance.to_owned(),
         reason: format!("{error:?}"),
     })?;
-    Ok(orphans)
+    Ok(monitors)
 }
 
 /// The lock on a node's file, with who holds it.

@@ -7,7 +7,7 @@ use crate::input::Counter;
 use crate::output::Connect;
 use crate::role::Role;
 use crate::service::Ipc;
-use crate::{instance, signal};
+use crate::{instance, private, signal};
 use core::cell::{Cell, RefCell};
 use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
 use std::rc::{Rc, Weak};
@@ -37,7 +37,10 @@ impl Shared {
             reason,
         };
         let config = instance::config(&arguments.root, &arguments.instance)?;
-        clock::follow(&arguments.directory())
+        // iceoryx2 would make it with rights for the user's group.
+        private::create(&instance::directory(&arguments.root, &arguments.instance))?;
+        let prefix = instance::prefix(&arguments.root, &arguments.instance);
+        clock::follow(&arguments.directory(), &prefix)
             .map_err(|error| failed(format!("the run's clock: {error}")))?;
         let name =
             NodeName::new(&arguments.process).map_err(|error| failed(format!("{error:?}")))?;

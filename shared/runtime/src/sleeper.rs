@@ -48,12 +48,12 @@ const NAP_NS: u64 = 1_000_000;
 /// What remains is a sender that loses the processor for longer than a nap between a message and its notification, that
 /// message being taken meanwhile, and comes back just within the second emptying. That delays a later message, once, by
 /// at most [`LOOK_UP_NS`]: whenever a sleep ends without a readable descriptor, every listener is emptied whatever is known
-/// of it. [`Sleeper::lost_wakeups`] counts what is found in this way.
+/// of it. [`Sleeper::lost_wakeups`] counts the messages that a process then finds after it has slept for so long.
 pub(crate) struct Sleeper {
     /// What to sleep on.
     pub(crate) poll: Poll,
     has_emptied: bool,
-    has_napped: bool,
+    has_looked_up: bool,
     lost_wakeups: u64,
 }
 
@@ -64,8 +64,10 @@ pub(crate) enum Woken {
     Ready,
     /// The nap is over.
     NapOver,
-    /// The time has come: the caller's, or that of a look-up.
+    /// The caller's time has come.
     TimeOver,
+    /// Nothing came for so long that it is time to look up.
+    LookUp,
 }
 
 impl Sleeper {
@@ -73,7 +75,7 @@ impl Sleeper {
         Self {
             poll: Poll::new(),
             has_emptied: false,
-            has_napped: false,
+            has_looked_up: false,
             lost_wakeups: 0,
         }
     }
@@ -98,8 +100,8 @@ impl Sleeper {
     pub(crate) fn reset(&mut self, source: &mut dyn Source) -> Result<(), PortError> {
         source.mark_notified();
         let notifications = source.drain().unwrap_or_default();
-        // A nap may end while a sender is between its message and its datagram.
-        if notifications > 0 && !self.has_napped && source.pending()? {
+        // A shorter sleep may well end while a sender is between its message and its datagram.
+        if notifications > 0 && self.has_looked_up && source.pending()? {
             self.lost_wakeups += 1;
         }
         Ok(())
@@ -110,16 +112,19 @@ impl Sleeper {
     /// # Errors
     /// [`NodeError::System`].
     pub(crate) fn sleep(&mut self, longest_ns: u64) -> Result<Woken, NodeError> {
-        self.has_napped = std::mem::take(&mut self.has_emptied) && NAP_NS < longest_ns;
-        let most_ns = if self.has_napped { NAP_NS } else { LOOK_UP_NS };
+        let naps = std::mem::take(&mut self.has_emptied);
+        let (most_ns, woken) = match naps {
+            true => (NAP_NS, Woken::NapOver),
+            false => (LOOK_UP_NS, Woken::LookUp),
+        };
         // What came just when the time was over did wake us.
-        if self.poll.wait(longest_ns.min(most_ns))? || self.poll.wait(0)? {
-            return Ok(Woken::Ready);
-        }
-        Ok(if self.has_napped {
-            Woken::NapOver
-        } else {
-            Woken::TimeOver
-        })
+        let ready = self.poll.wait(longest_ns.min(most_ns))? || self.poll.wait(0)?;
+        let woken = match ready {
+            true => Woken::Ready,
+            false if longest_ns <= most_ns => Woken::TimeOver,
+            false => woken,
+        };
+        self.has_looked_up = woken == Woken::LookUp;
+        Ok(woken)
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! A round lasts as long as cars were recorded. It is refused where that is less than a second, or ends before the goal
 //! opens: what follows would be an empty road that nobody recorded. Where no car moves, or there is none, nothing is
-//! missing, and the round lasts until the goal's last time step. See the checks in [`super::start`].
+//! missing, and the round lasts until the goal's last time step (`start.rs`).
 
 use super::error::CommonRoadError;
 use super::lanes::{LaneletMap, edges};

@@ -29,7 +29,10 @@ pub struct Scratch(tempfile::TempDir);
 
 impl Scratch {
     pub fn new() -> Self {
-        Self(tempfile::tempdir_in("/tmp").expect("a temporary directory"))
+        let made = tempfile::Builder::new()
+            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
+            .tempdir_in("/tmp");
+        Self(made.expect("a temporary directory"))
     }
 
     pub fn path(&self) -> &Path {
