@@ -354,6 +354,7 @@ fn a_slow_disk_costs_counted_messages_in_real_time_and_the_run_goes_on() {
     );
     let (name, file) = (instance("stall"), bench.path("drive.mcap"));
     let json = bench.path("summary.json");
+    std::fs::write(&file, "an earlier drive").unwrap();
     let mut command = bench.up(&name);
     command.args(["--episodes", "3", "--clock", "realtime", "--exec"]);
     command
@@ -396,6 +397,11 @@ fn a_slow_disk_costs_counted_messages_in_real_time_and_the_run_goes_on() {
         "{}",
         told(&output)
     );
+    // What is not whole takes nothing's place.
+    let kept = bench.path("drive.mcap.before");
+    assert_eq!(std::fs::read(&kept).unwrap(), b"an earlier drive");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.contains(kept.to_str().unwrap()), "{said}");
     // The gaps are where the file says they are.
     let lost = found.counted_lost().unwrap();
     let replayed = instance("stall-replay");

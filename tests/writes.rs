@@ -127,7 +127,24 @@ fn a_link_stays_a_link_and_its_target_keeps_its_mode() {
         let now = file.symlink_metadata().unwrap();
         assert!(now.is_file() && now.len() > 3, "{}", writer.what);
         assert_eq!(now.mode() & 0o7777, 0o640, "{}", writer.what);
+        let kept = bench.path(&format!("file{index}.before"));
+        assert!(!kept.exists(), "{}", writer.what);
     }
+}
+
+#[test]
+fn an_earlier_recording_survives_a_run_that_does_not_start() {
+    let bench = Bench::new();
+    let file = bench.path("drive.mcap");
+    std::fs::write(&file, "an earlier drive").unwrap();
+    let mut command = bench.up(&instance("writes-kept"));
+    let output = run(command
+        .args(["--planner", "none", "--episodes", "1"])
+        .args(["--exec", "recorder=false", "--record"])
+        .arg(&file));
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    assert_eq!(std::fs::read(&file).unwrap(), b"an earlier drive");
+    assert!(!bench.path("drive.mcap.before").exists());
 }
 
 #[test]

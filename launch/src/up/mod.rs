@@ -4,6 +4,7 @@
 //! on in [`swap`].
 
 mod activity;
+mod before;
 mod children;
 mod decisions;
 pub mod door;
@@ -22,13 +23,14 @@ use crate::doctor;
 use crate::failure::Failure;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
+use before::Before;
 use door::Door;
 use plan::Plan;
 use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use summary::Summary;
+use summary::{Ending, Summary};
 
 /// Runs `mirror up`.
 pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
@@ -49,15 +51,25 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     }
     starting::learn(&mut plan, &mut launcher, &mut door, &suspension)?;
     screen.status("starting the processes".to_owned());
+    let before = Before::set_aside(&plan).map_err(Failure::refused)?;
     let mut run = Run::open(plan, &mut launcher, door, suspension, &screen)?;
     let ending = run.complete();
     screen.finish();
-    let ending = ending?;
-    let (plan, tally) = run.close();
-    let mut summary = Summary::new(&plan, &tally, ending);
+    let is_whole = |ending: &Ending| ending.recording.as_ref().is_some_and(|it| it.complete);
+    let kept = before.settle(ending.as_ref().is_ok_and(is_whole));
+    let summed = ending.map(|ending| {
+        let (plan, tally) = run.close();
+        (Summary::new(&plan, &tally, ending), plan.summary)
+    });
+    if let Ok((summary, _)) = &summed {
+        screen.line(&summary.text(std::io::stdout().is_terminal()));
+    }
+    for line in kept {
+        screen.line(&line);
+    }
+    let (mut summary, file) = summed?;
     summary.dropped_lines = screen.dropped();
-    screen.line(&summary.text(std::io::stdout().is_terminal()));
-    if let Some(path) = &plan.summary {
+    if let Some(path) = &file {
         summary.save(path)?;
     }
     Ok(if summary.is_success() {

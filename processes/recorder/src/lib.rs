@@ -314,6 +314,8 @@ fn start_writer(
     when_full: WhenFull,
     options: &Options,
 ) -> Result<Queue> {
+    // Another run's file of that name stays, under another; `mirror up` has seen to the first part's.
+    let _of_another_run = files::set_aside(part)?;
     let mut recording = Recording::create(part, &options.about, &options.road)?;
     if let Some(anchor) = before.iter().rev().find_map(|part| read::end_of(part)) {
         recording.go_on_from(anchor);

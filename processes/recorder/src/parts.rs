@@ -2,7 +2,7 @@
 //! `drive.part2.mcap`, `drive.part3.mcap` …
 //!
 //! A part belongs to a run if the run's identity stands at its head. What a restarted recorder finds of its own run it
-//! leaves as it is and goes on in the next part; what it finds of another run it overwrites, as a first recorder does.
+//! leaves as it is and goes on in the next part; what it finds of another run it sets aside ([`files::set_aside`]).
 
 use crate::read::{Found, ReadError, read, run_of};
 use crate::topics::{PerTopic, Recorded, TOPICS};

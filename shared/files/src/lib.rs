@@ -4,9 +4,11 @@
 //! moved over it, with the mode and the owner that it had. Symbolic links stay, and what they point to is replaced.
 //! What is no file is never replaced: devices and pipes are written to, and anything else is refused in words.
 
+mod aside;
 mod draft;
 mod target;
 
+pub use aside::{Aside, set_aside};
 use draft::Draft;
 use rustix::fs::FallocateFlags;
 use std::fs::{File, OpenOptions};
