@@ -9,7 +9,7 @@ hand it to `Mind` instead. `Mind` and `attend` are the part that every human mod
 the person after every step, and answers the planner's question what imagined people would do, whole groups at once.
 
 In lockstep everybody waits for this process. In real time the planner waits 50 ms for an answer, and without one says
-nothing and why (`CommAction.reason` 2); this model takes 1 to 3 ms for a group of 500 people.
+nothing and why (`DecisionReason.HUMAN_SILENT`); this model takes 1 to 3 ms for a group of 500 people.
 
 The model: people remember, for each of the six sectors around the car, how far the nearest car is and how fast it comes
 closer. They see as far as the fog lets them, see what is highlighted and hear what is said; what they do not see moves on in
@@ -25,6 +25,7 @@ from collections import deque
 
 import numpy as np
 from mirror_messages import ACTIONS, AZIMUTHS, BEAMS, EGO_VALUES, HEIGHT_BANDS, MAX_GROUP, SECTORS, VERBAL
+from mirror_messages import ImaginePhase, ImagineStatus, UtteranceContent
 from mirror_ports import now_ns, position_of
 from mirror_process import Failure, Node, RunArguments
 
@@ -43,9 +44,6 @@ EGO_SCALE = np.array([60, 2, 2, 2, 60], np.float32)
 EGO_UNIT = np.array([np.pi, 40 / 3.6, 1.75, 7.0, np.pi], np.float32)
 #: Actions are kept this far inside (-1, 1) where their atanh is needed.
 ACTION_EDGE = 0.97
-#: Phases of a question, and the status of an answer.
-START, PERCEIVE, FORGET = 0, 1, 2
-ANSWERED, NO_BELIEF, NO_GROUP = 0, 1, 2
 GROUPS = 4
 
 
@@ -204,9 +202,10 @@ class Mind:
         ego = (np.ctypeslib.as_array(frame.ego) * EGO_UNIT)[None, :]
         heard, heard_m = np.zeros((1, SECTORS), bool), np.full((1, SECTORS), RANGE_M, np.float32)
         for utterance in display.utterances[: min(display.utterance_count, SECTORS)]:
-            if utterance.item < SECTORS and utterance.kind <= 2:
+            if utterance.item < SECTORS and utterance.kind <= UtteranceContent.FAST:
                 heard[0, utterance.item] = True
-                heard_m[0, utterance.item] = utterance.range_m if utterance.kind > 0 else RANGE_M
+                is_car = utterance.kind != UtteranceContent.NOTHING
+                heard_m[0, utterance.item] = utterance.range_m if is_car else RANGE_M
         shown = bits_of(np.array([display.highlighted]))
         self.model.perceive(self.people, did, range_m, ego, shown, heard, heard_m)
         self.expected = self.model.predict(self.people)
@@ -230,21 +229,21 @@ class Mind:
     def answer(self, question, answer):
         """Answers a question about a group of imagined people."""
         group, rows = question.group, question.rows
-        answer.group, answer.phase, answer.rows, answer.status = group, question.phase, rows, NO_GROUP
+        answer.group, answer.phase, answer.rows, answer.status = group, question.phase, rows, ImagineStatus.NO_GROUP
         if group >= GROUPS or rows > MAX_GROUP:
             return
         random = np.random.default_rng(question.seed)
-        if question.phase == START and rows > 0:
+        if question.phase == ImaginePhase.START and rows > 0:
             known = [people for position, people in self.remembered if position == position_of(question)]
             if not known:
-                answer.status = NO_BELIEF
+                answer.status = ImagineStatus.NO_BELIEF
                 return
             people = self.model.spread(known[-1], rows, random)
             if question.action_known:
                 actions = np.tile(np.array(question.action[:ACTIONS], np.float32), (rows, 1))
             else:
                 actions = self._act(people, random)
-        elif question.phase == PERCEIVE and group in self.groups and rows == len(self.groups[group][1]):
+        elif question.phase == ImaginePhase.PERCEIVE and group in self.groups and rows == len(self.groups[group][1]):
             people, before = self.groups[group]
             lidar = np.ctypeslib.as_array(question.visual)[: rows * LIDAR].reshape(rows, LIDAR)
             range_m = RANGE_M * (1 - lidar[:, :BEAMS].reshape(rows, HEIGHT_BANDS, AZIMUTHS).max(axis=1))
@@ -257,15 +256,15 @@ class Mind:
             heard_m = RANGE_M * np.clip(verbal[:, each - 1 :: each], 0, 1) if heard.any() else RANGE_M
             self.model.perceive(people, unsquash(before), range_m, ego, bits_of(told), heard, heard_m)
             actions = self._act(people, random)
-        elif question.phase == FORGET:
+        elif question.phase == ImaginePhase.FORGET:
             self.groups.pop(group, None)
-            answer.status = ANSWERED
+            answer.status = ImagineStatus.ANSWERED
             return
         else:
             return
         self.groups[group] = (people, actions)
         np.ctypeslib.as_array(answer.action)[: rows * ACTIONS] = actions.reshape(-1)
-        answer.status = ANSWERED
+        answer.status = ImagineStatus.ANSWERED
 
     def _act(self, people, random):
         mean, deviation = self.model.predict(people)

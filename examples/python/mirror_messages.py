@@ -6,6 +6,7 @@ Generated from the Rust types, whose documentation says what each field means; d
 """
 
 import ctypes
+from enum import IntEnum
 
 AZIMUTHS = 36
 HEIGHT_BANDS = 3
@@ -22,6 +23,95 @@ VISUAL_ITEMS = 16
 VERBAL_ITEMS = 8
 MAX_OBJECTS = 64
 MAX_GROUP = 512
+
+#: `Control.process` that addresses everybody.
+EVERYBODY = 4294967295
+
+
+class DomainNumber(IntEnum):
+    """A domain."""
+
+    HIGHWAY = 0
+    DRIVING = 1
+    SEARCH_RESCUE = 2
+    BOMB_DEFUSAL = 3
+
+
+class ObjectKind(IntEnum):
+    """What an object on the highway is."""
+
+    CAR = 0
+    OTHER = 1
+
+
+class EpisodeEnd(IntEnum):
+    """Whether an episode goes on, and how it ended."""
+
+    RUNNING = 0
+    GOAL = 1
+    COLLISION = 2
+    OUT_OF_TIME = 3
+
+
+class DecisionReason(IntEnum):
+    """How a decision came about."""
+
+    PLANNED = 0
+    NO_PLANNER = 1
+    HUMAN_SILENT = 2
+    LATE = 3
+
+
+class UtteranceContent(IntEnum):
+    """What an utterance says."""
+
+    NOTHING = 0
+    SLOW = 1
+    FAST = 2
+    IN_WORDS = 3
+    NOTICE = 4
+
+
+class ImaginePhase(IntEnum):
+    """What a question to the human model asks."""
+
+    START = 0
+    PERCEIVE = 1
+    FORGET = 2
+    COMPARE = 3
+
+
+class ImagineStatus(IntEnum):
+    """How the human model answered."""
+
+    ANSWERED = 0
+    NO_BELIEF = 1
+    NO_GROUP = 2
+    INCOMPARABLE = 3
+
+
+class ControlCommand(IntEnum):
+    """What the launcher asks of a process."""
+
+    START = 1
+    STOP = 2
+    TAKE_OVER = 3
+    REPORT = 4
+    CONNECT = 5
+    HAND_OVER = 6
+
+
+class ProcessState(IntEnum):
+    """Why a process reports."""
+
+    READY = 1
+    RUNNING = 2
+    FINISHED = 3
+    FAILED = 4
+    CAUGHT_UP = 5
+    HANDOVER_AGREED = 6
+    TOO_LATE = 7
+    RETIRED = 8
 
 
 class Header(ctypes.Structure):

@@ -16,20 +16,15 @@ import struct
 
 import iceoryx2 as iox2
 import mirror_messages as messages
+from mirror_messages import EVERYBODY, ControlCommand, ProcessState
 from mirror_ports import Input, Output, Role, follow_clock, now_ns, position_of
 
-#: Commands of the launcher, in `Control.command`.
-START, STOP, TAKE_OVER, REPORT, CONNECT, HAND_OVER = 1, 2, 3, 4, 5, 6
-#: What a process says of itself, in `Report.state`.
-READY, RUNNING, FINISHED, FAILED, CAUGHT_UP, BORDER, TOO_LATE = 1, 2, 3, 4, 5, 6, 7
-EVERYBODY = 0xFFFF_FFFF
 #: Steps to read in silence before a process that stands by says that it has caught up.
 CATCH_UP_STEPS = 8
 #: A sleeping process looks up this often, to connect to those that joined meanwhile, and to find what did not wake it.
 LOOK_UP_NS = 250_000_000
 #: Longest first sleep after a listener was emptied: longer than a sender takes from its message to its notification.
 NAP_NS = 1_000_000
-
 
 
 class Failure(Exception):
@@ -216,7 +211,7 @@ class Node:
     def ready(self) -> bool:
         """Tells the launcher that all ports stand, and waits for its start. False if the run ends before it began."""
         self.connect()
-        self._say(READY)
+        self._say(ProcessState.READY)
         while not self._started:
             if not self.wait([]):
                 return False
@@ -339,37 +334,37 @@ class Node:
             if control.process not in (EVERYBODY, self.arguments.index):
                 continue
             border = position_of(control)
-            if control.command in (START, TAKE_OVER):
+            if control.command in (ControlCommand.START, ControlCommand.TAKE_OVER):
                 if not self._started and control.process == EVERYBODY:
                     self.start_ns = control.header.sent_ns
                 self._started = True
-            if control.command == STOP:
+            if control.command == ControlCommand.STOP:
                 # Who has handed over still owes what lies before the border, unless the run is over for everybody.
                 self._leaving = True
                 self._stopped = control.process == EVERYBODY or self.role.has_retired()
-            elif control.command == REPORT:
-                self._say(RUNNING)
-            elif control.command == CONNECT:
+            elif control.command == ControlCommand.REPORT:
+                self._say(ProcessState.RUNNING)
+            elif control.command == ControlCommand.CONNECT:
                 self.connect()
-            elif control.command == TAKE_OVER:
+            elif control.command == ControlCommand.TAKE_OVER:
                 done = self.role.take_over(border)
                 if done:
                     for source in self._inputs:  # What it missed while it stood by is missing nowhere.
                         source.received = source.lost = 0
                     self.connect()
                     self._release()
-                self._say(BORDER if done else TOO_LATE, about=border)
-            elif control.command == HAND_OVER:
+                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=border)
+            elif control.command == ControlCommand.HAND_OVER:
                 done = self.role.hand_over(border)
                 self._release()
-                self._say(BORDER if done else TOO_LATE, about=border)
+                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=border)
         return heard
 
     def _release(self):
         for output in self._outputs:
             output._release()
 
-    def _say(self, state: int, text: str = "", about=None):
+    def _say(self, state: ProcessState, text: str = "", about=None):
         def write(report):
             report.process = (ctypes.c_uint8 * 16)(*self.arguments.process.encode()[:16])
             line = text.encode()[:256].decode(errors="ignore").encode()
@@ -410,14 +405,14 @@ class Node:
         if self._catch_up > 0:
             self._catch_up -= 1
             if self._catch_up == 0 and self.role.stands_by():
-                self._say(CAUGHT_UP)
+                self._say(ProcessState.CAUGHT_UP)
 
     def __enter__(self) -> "Node":
         return self
 
     def __exit__(self, kind, error, _trace):
         if error is None:
-            self._say(FINISHED)
+            self._say(ProcessState.FINISHED)
         else:
-            self._say(FAILED, f"{error}" if isinstance(error, Failure) else f"{kind.__name__}: {error}")
+            self._say(ProcessState.FAILED, f"{error}" if isinstance(error, Failure) else f"{kind.__name__}: {error}")
         return False

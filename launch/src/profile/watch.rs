@@ -7,8 +7,8 @@ use super::target::{About, Started, about};
 use crate::process::NAMES;
 use anyhow::Result;
 use messages::{
-    CommAction, Display, DriverAction, Header, HumanBelief, ImagineAnswer, ImagineRequest,
-    LidarFrame, Observation, Report, RobotBelief, topic,
+    CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, ImagineAnswer,
+    ImagineRequest, LidarFrame, Observation, Report, RobotBelief, topic,
 };
 use runtime::instance::{nodes, root_of};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
@@ -27,8 +27,6 @@ const USAGE_NS: u64 = 250_000_000;
 const REPORT_NS: u64 = 1_000_000_000;
 /// Between two looks for it.
 const REPORT_LOOK_NS: u64 = 2_000_000;
-/// [`CommAction::reason`] of a planner that never says anything.
-const NO_PLANNER: u32 = 1;
 
 /// One subscriber of every topic of a step.
 pub struct Ports {
@@ -107,7 +105,10 @@ impl Ports {
         while self.decision.take()? {
             if let Some(decision) = self.decision.message() {
                 messages += 1;
-                table.add_decision(&decision.header, decision.reason != NO_PLANNER);
+                table.add_decision(
+                    &decision.header,
+                    decision.reason() != Ok(DecisionReason::NoPlanner),
+                );
             }
         }
         while self.questions.take()? {

@@ -3,6 +3,7 @@
 use super::resolve::{Resolved, method_name};
 use crate::place::ItemNames;
 use anyhow::{Context, Result};
+use messages::DecisionReason;
 use recorder::setup::KEY;
 use replay::{Decision, Drive, MissingSteps, Part, Row};
 use serde::Serialize;
@@ -14,10 +15,6 @@ use std::path::Path;
 const SCHEMA: &str = "mirror-replay/1";
 /// Most stretches of missing steps that are printed.
 const MOST_MISSING: usize = 12;
-/// [`Decision::reason`] of a decision without a planner.
-const NO_PLANNER: u32 = 1;
-/// [`Decision::reason`] of a decision that the human model gave no answer to.
-const HUMAN_SILENT: u32 = 2;
 
 /// Which models.
 #[derive(Clone, Debug, Serialize)]
@@ -487,7 +484,10 @@ impl Totals {
 }
 
 fn is_planned(decision: &Decision) -> bool {
-    ![NO_PLANNER, HUMAN_SILENT].contains(&decision.reason)
+    !matches!(
+        decision.reason(),
+        Ok(DecisionReason::NoPlanner | DecisionReason::HumanSilent)
+    )
 }
 
 /// A decision in words.
@@ -509,8 +509,8 @@ fn said(decision: &Decision, items: ItemNames) -> String {
     if decision.verbal != 0 {
         parts.push(format!("say {}", listed(decision.verbal, items.verbal)));
     }
-    match (parts.is_empty(), decision.reason) {
-        (true, HUMAN_SILENT) => "nothing (no answer)".to_owned(),
+    match (parts.is_empty(), decision.reason()) {
+        (true, Ok(DecisionReason::HumanSilent)) => "nothing (no answer)".to_owned(),
         (true, _) => "nothing".to_owned(),
         (false, _) => parts.join(", "),
     }

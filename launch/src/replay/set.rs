@@ -5,6 +5,7 @@ use crate::own;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
 use anyhow::{Context, Result, bail, ensure};
+use messages::ProcessState;
 use runtime::{Launcher, LauncherWake, now_ns, process_descriptor, text_of};
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::{AsRawFd, OwnedFd, RawFd};
@@ -113,9 +114,9 @@ impl Set {
                         if report.header.run_id != launcher.arguments().run_id {
                             continue;
                         }
-                        match (report.state, report.index) {
-                            (3, 0) => return Ok(()),
-                            (4, _) => bail!(
+                        match (report.state(), report.index) {
+                            (Ok(ProcessState::Finished), 0) => return Ok(()),
+                            (Ok(ProcessState::Failed), _) => bail!(
                                 "{} failed: {}",
                                 text_of(&report.process),
                                 text_of(&report.text)

@@ -3,15 +3,11 @@
 //! A decision is in time if it was sent before its step began; the step's outcome says when that was. Where there is no
 //! planner, none is due, and neither is one for an episode's first step.
 
-use messages::{CommAction, Outcome};
+use messages::{CommAction, DecisionReason, EpisodeEnd, Outcome};
 use runtime::Position;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// [`CommAction::reason`] where there is no planner.
-const NO_PLANNER: u32 = 1;
-/// [`CommAction::reason`] where the human model gave no answer: nothing was decided.
-const HUMAN_SILENT: u32 = 2;
 /// Steps for which a decision may still come.
 const MOST_WAITING: usize = 64;
 
@@ -70,8 +66,8 @@ impl DecisionCount {
 
     /// Takes note of a decision.
     pub fn decide(&mut self, decision: &CommAction) {
-        self.plans = decision.reason != NO_PLANNER;
-        if matches!(decision.reason, NO_PLANNER | HUMAN_SILENT) {
+        self.plans = decision.reason() != Ok(DecisionReason::NoPlanner);
+        if !decision.is_decided() {
             return;
         }
         let position = (decision.header.episode, decision.header.step);
@@ -92,7 +88,7 @@ impl DecisionCount {
         let sent_ns = self.decided.remove(&position);
         // What was decided for steps that never came.
         self.decided = self.decided.split_off(&position);
-        if !self.plans || header.step == 0 || outcome.end != 0 {
+        if !self.plans || header.step == 0 || outcome.end() != Ok(EpisodeEnd::Running) {
             return;
         }
         self.so_far.steps += 1;
@@ -114,35 +110,35 @@ mod tests {
     use super::*;
     use messages::Message;
 
-    fn decision(step: u32, sent_ns: u64, reason: u32) -> CommAction {
+    fn decision(step: u32, sent_ns: u64, reason: DecisionReason) -> CommAction {
         let mut decision = CommAction::ZERO;
         decision.header.step = step;
         decision.header.sent_ns = sent_ns;
-        decision.reason = reason;
+        decision.reason = reason.wire();
         decision
     }
 
-    fn step(step: u32, sent_ns: u64, end: u32) -> Outcome {
+    fn step(step: u32, sent_ns: u64, end: EpisodeEnd) -> Outcome {
         let mut outcome = Outcome::ZERO;
         outcome.header.step = step;
         outcome.header.sent_ns = sent_ns;
-        outcome.end = end;
+        outcome.end = end.wire();
         outcome
     }
 
     #[test]
     fn every_step_counts_once_however_its_decision_is_heard_of() {
         let mut count = DecisionCount::new(true);
-        count.begin(&step(0, 100, 0));
-        count.decide(&decision(1, 190, 0));
-        count.begin(&step(1, 200, 0)); // in time
-        count.decide(&decision(2, 310, 3));
-        count.begin(&step(2, 300, 0)); // late, though heard of before its step
-        count.begin(&step(3, 400, 0)); // late, heard of after it
-        count.decide(&decision(3, 430, 3));
-        count.decide(&decision(4, 480, HUMAN_SILENT));
-        count.begin(&step(4, 500, 0)); // none
-        count.begin(&step(5, 600, 2)); // the end: nobody acts any more
+        count.begin(&step(0, 100, EpisodeEnd::Running));
+        count.decide(&decision(1, 190, DecisionReason::Planned));
+        count.begin(&step(1, 200, EpisodeEnd::Running)); // in time
+        count.decide(&decision(2, 310, DecisionReason::Late));
+        count.begin(&step(2, 300, EpisodeEnd::Running)); // late, though heard of before its step
+        count.begin(&step(3, 400, EpisodeEnd::Running)); // late, heard of after it
+        count.decide(&decision(3, 430, DecisionReason::Late));
+        count.decide(&decision(4, 480, DecisionReason::HumanSilent));
+        count.begin(&step(4, 500, EpisodeEnd::Running)); // none
+        count.begin(&step(5, 600, EpisodeEnd::Collision)); // the end: nobody acts any more
         let expected = Decisions {
             steps: 4,
             in_time: 1,
@@ -156,8 +152,12 @@ mod tests {
     fn where_nobody_plans_no_decision_is_due() {
         let mut count = DecisionCount::new(false);
         for k in 0..5 {
-            count.begin(&step(k, 100 * u64::from(k), 0));
-            count.decide(&decision(k + 1, 100 * u64::from(k) + 10, NO_PLANNER));
+            count.begin(&step(k, 100 * u64::from(k), EpisodeEnd::Running));
+            count.decide(&decision(
+                k + 1,
+                100 * u64::from(k) + 10,
+                DecisionReason::NoPlanner,
+            ));
         }
         assert_eq!(count.so_far, Decisions::default());
     }

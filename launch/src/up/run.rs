@@ -14,9 +14,9 @@ use crate::process::NAMES;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
 use anyhow::{Context, Result};
-use messages::Report;
+use messages::{ProcessState, Report};
 use recorder::result::RecorderResult;
-use runtime::{ClockMode, Launcher, LauncherWake, now_ns, state, text_of};
+use runtime::{ClockMode, Launcher, LauncherWake, now_ns, text_of};
 
 const MS: u64 = 1_000_000;
 /// How often the status line and the counts are brought up to date …
@@ -316,7 +316,7 @@ impl<'a> Run<'a> {
         }
         let text = text_of(&report.text);
         child.answers();
-        if report.state == state::FAILED {
+        if report.state() == Ok(ProcessState::Failed) {
             child.why = Some(text.clone());
         } else if !text.is_empty() {
             self.screen.warn(&format!("{}: {text}", NAMES[child.place]));
@@ -329,10 +329,12 @@ impl<'a> Run<'a> {
         if swap.is_some_and(|swap| swap.place() == place) {
             self.heads.update()?;
             self.with_swap(|swap, around| swap.hear(report, around))?;
-        } else if phase == Phase::Starting && report.state == state::READY {
+        } else if phase == Phase::Starting && report.state() == Ok(ProcessState::Ready) {
             self.put_back(report.index, place)?;
         }
-        Ok(place == WORLD && phase == Phase::Speaking && report.state == state::FINISHED)
+        Ok(place == WORLD
+            && phase == Phase::Speaking
+            && report.state() == Ok(ProcessState::Finished))
     }
 
     /// A process that was started again goes on where its predecessor stopped.
@@ -523,7 +525,7 @@ impl<'a> Run<'a> {
             if let Some(at) = ended {
                 let ended = self.children.reap(at)?;
                 let finished = self.ending.reports[ended.place]
-                    .is_some_and(|report| report.state == state::FINISHED);
+                    .is_some_and(|report| report.state() == Ok(ProcessState::Finished));
                 let died = match ended.phase {
                     Phase::Speaking => !finished,
                     Phase::Starting => !ended.well,

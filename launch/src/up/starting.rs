@@ -7,7 +7,8 @@ use super::plan::Plan;
 use crate::process::NAMES;
 use crate::suspend::Suspension;
 use anyhow::{Result, anyhow, bail};
-use runtime::{Launcher, LauncherWake, now_ns, state, text_of};
+use messages::ProcessState;
+use runtime::{Launcher, LauncherWake, now_ns, text_of};
 
 const MS: u64 = 1_000_000;
 /// How long processes may take to read their models and make their ports.
@@ -73,7 +74,7 @@ pub fn wait_ready(
                     if report.header.run_id != launcher.arguments().run_id {
                         continue;
                     }
-                    if report.state == state::FAILED {
+                    if report.state() == Ok(ProcessState::Failed) {
                         bail!("{process} failed: {}", text_of(&report.text));
                     }
                     missing.retain(|name| *name != process);

@@ -9,7 +9,7 @@ use crate::place::ItemNames;
 use crate::process::NAMES;
 use crate::units::{count, time_us};
 use anyhow::{Context, Result};
-use messages::Report;
+use messages::{ProcessState, Report};
 use recorder::result::RecorderResult;
 use runtime::{ClockMode, text_of};
 use serde::Serialize;
@@ -262,7 +262,7 @@ impl Summary {
     }
 
     fn add_process(&mut self, name: &str, report: Option<&Report>) {
-        let finished = report.is_some_and(|report| report.state == 3);
+        let finished = report.is_some_and(|report| report.state() == Ok(ProcessState::Finished));
         let death = self.deaths.iter().rev().find(|death| death.process == name);
         let end = match death {
             _ if finished => "finished".to_owned(),

@@ -11,8 +11,8 @@ use super::supervise::{Supervisor, border_after_death};
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Result, anyhow};
-use messages::Report;
-use runtime::{Launcher, NEVER, Position, now_ns, state};
+use messages::{ProcessState, Report};
+use runtime::{Launcher, NEVER, Position, now_ns};
 use serde::Serialize;
 use std::thread::JoinHandle;
 
@@ -327,11 +327,16 @@ impl Swap {
     pub fn hear(&mut self, report: &Report, around: &mut Around) -> Result<Option<Finished>> {
         let index = Some(report.index);
         let about = (report.header.episode, report.header.step);
-        if matches!(report.state, state::BORDER | state::TOO_LATE) && about != self.border {
+        let state = report.state();
+        if matches!(
+            state,
+            Ok(ProcessState::HandoverAgreed | ProcessState::TooLate)
+        ) && about != self.border
+        {
             return Ok(None); // an answer to an earlier proposal
         }
-        match (&self.stage, report.state) {
-            (Stage::Starting, state::READY) if index == self.new => {
+        match (&self.stage, state) {
+            (Stage::Starting, Ok(ProcessState::Ready)) if index == self.new => {
                 self.report.start_ms = self.enter(Stage::CatchingUp);
                 if self.old.is_none() {
                     self.take_over_at_once(around)?;
@@ -345,30 +350,30 @@ impl Swap {
                     }
                 }
             }
-            (Stage::CatchingUp, state::CAUGHT_UP) if index == self.new => {
+            (Stage::CatchingUp, Ok(ProcessState::CaughtUp)) if index == self.new => {
                 self.report.catch_up_ms = self.enter(Stage::CatchingUp);
                 self.agree(around)?;
             }
-            (Stage::AskingNew, state::BORDER) if index == self.new => {
+            (Stage::AskingNew, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
                 self.ask_old(around)?;
             }
-            (Stage::AskingOld, state::BORDER) if index == self.old => {
+            (Stage::AskingOld, Ok(ProcessState::HandoverAgreed)) if index == self.old => {
                 self.report.agree_ms += self.enter(Stage::Crossing);
                 self.report.border = Some(self.border);
             }
-            (Stage::Crossing, state::RETIRED)
+            (Stage::Crossing, Ok(ProcessState::Retired))
                 if index == self.old && self.place == WORLD && self.new.is_some() =>
             {
                 if let Some(new) = self.new {
                     around.launcher.take_over(new, self.border)?;
                 }
             }
-            (Stage::TakingOver, state::BORDER) if index == self.new => {
+            (Stage::TakingOver, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
                 self.report.border = Some(self.border);
                 self.report.agree_ms += self.enter(Stage::Crossing);
                 around.supervisor.is_back(self.place);
             }
-            (Stage::TakingOver, state::TOO_LATE) if index == self.new => {
+            (Stage::TakingOver, Ok(ProcessState::TooLate)) if index == self.new => {
                 // It has passed over what its dead predecessor left unsaid, and cannot go back: another one can.
                 self.report.tries += 1;
                 if self.report.tries >= MOST_TRIES {
@@ -381,7 +386,7 @@ impl Swap {
                     return Ok(Some(Finished::Failed(format!("{error:#}"))));
                 }
             }
-            (Stage::AskingNew | Stage::AskingOld | Stage::Crossing, state::TOO_LATE)
+            (Stage::AskingNew | Stage::AskingOld | Stage::Crossing, Ok(ProcessState::TooLate))
                 if index == self.new || index == self.old =>
             {
                 if self.report.tries >= MOST_TRIES {

@@ -3,7 +3,7 @@
 use super::decisions::{DecisionCount, Decisions};
 use crate::place::ItemNames;
 use anyhow::Result;
-use messages::{CommAction, Display, Outcome, Utterance, VISUAL_ITEMS, topic};
+use messages::{CommAction, Display, EpisodeEnd, Outcome, VISUAL_ITEMS, topic};
 use runtime::{ClockMode, Input, InputOptions, Launcher, StageTimer, text_of};
 use serde::Serialize;
 
@@ -210,11 +210,11 @@ impl Episode {
         if outcome.collided != 0 {
             self.hit = Some(outcome.other);
         }
-        match outcome.end {
-            1 => self.end = "goal",
-            2 => self.end = "collision",
-            3 => self.end = "out of time",
-            _ => {}
+        match outcome.end() {
+            Ok(EpisodeEnd::Goal) => self.end = "goal",
+            Ok(EpisodeEnd::Collision) => self.end = "collision",
+            Ok(EpisodeEnd::OutOfTime) => self.end = "out of time",
+            Ok(EpisodeEnd::Running) | Err(_) => {}
         }
     }
 
@@ -241,7 +241,7 @@ impl Episode {
             .iter()
             .take(display.utterance_count as usize)
         {
-            if utterance.kind == Utterance::NOTICE {
+            if utterance.is_notice() {
                 let text = text_of(&utterance.text);
                 self.notices.push(Notice { time_s, text });
                 continue;

@@ -63,9 +63,7 @@ impl Follow for GridTracker {
             self.episode = Some(header.episode);
         }
         self.action.fill(0.0);
-        let choice = previous
-            .filter(|action| action.is_choice != 0)
-            .map(|action| action.choice);
+        let choice = previous.and_then(DriverAction::discrete);
         if let Some(place) =
             choice.and_then(|choice| self.action.data_mut().get_mut(choice as usize))
         {

@@ -1,7 +1,7 @@
 //! Turns a LIDAR frame into the robot's belief, without allocating.
 
 use crate::follow::Follow;
-use messages::{DriverAction, LidarFrame, Message, RobotBelief, Sensed, domain};
+use messages::{DomainNumber, DriverAction, LidarFrame, Message, RobotBelief, Sensed};
 use models::observation::{Encoded, read_visual};
 use models::self_model::Decoder;
 use models::{Filter, Observations, SelfModel};
@@ -71,7 +71,7 @@ impl Tracker {
         let verbal = self.decoded.verbal.column(0);
         out.verbal[..verbal.len()].copy_from_slice(verbal);
         out.verbal_len = verbal.len() as u32;
-        out.domain = domain::HIGHWAY;
+        out.domain = DomainNumber::Highway.wire();
         out.reward = self.reward.column(0)[0];
         let (decoded, sensed) = (self.decoded.visual.column(0), self.sensed.visual.column(0));
         read_visual(decoded, &mut out.visual[..decoded.len()]);

@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use domains::commonroad::Scenario;
 use domains::highway::speech::Heard;
 use domains::highway::{self, Cockpit, Scene, Shown, SimulatedDriver, UtteranceKind, World};
-use messages::{Display, DriverAction, LidarFrame, Message, SECTORS, Sensed};
+use messages::{Display, DriverAction, LidarFrame, Message, SECTORS, Sensed, UtteranceContent};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -117,7 +117,12 @@ impl Person for Driver {
             .iter()
             .take(display.utterance_count as usize)
         {
-            let kind = UtteranceKind::from_number(utterance.kind);
+            let kind = match utterance.content() {
+                Ok(UtteranceContent::Nothing) => Some(UtteranceKind::Nothing),
+                Ok(UtteranceContent::Slow) => Some(UtteranceKind::Slow),
+                Ok(UtteranceContent::Fast) => Some(UtteranceKind::Fast),
+                _ => None,
+            };
             let sector = utterance.item as usize;
             if let (Some(kind), true) = (kind, sector < SECTORS) {
                 let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);

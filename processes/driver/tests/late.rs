@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use domains::bomb_defusal::WAIT;
 use domains::discrete::{Discrete, Scene, World};
 use driver::{Acting, Options, Place, Role};
-use messages::{Display, DriverAction, Observation, topic};
+use messages::{Display, DriverAction, Observation, ProcessState, topic};
 use runtime::{
     ClockMode, InstanceLock, Launcher, LauncherWake, Node, Receive, RunArguments, Stamp, Wake,
     now_ns,
@@ -93,8 +93,11 @@ fn run(clock: ClockMode, folder: &Path) -> Result<([u32; 3], u32)> {
             "no end"
         );
         while let Some(report) = launcher.next_report()? {
-            ensure!(report.state != 4, "a process failed");
-            if report.state == 3 {
+            ensure!(
+                report.state() != Ok(ProcessState::Failed),
+                "a process failed"
+            );
+            if report.state() == Ok(ProcessState::Finished) {
                 running -= 1;
                 launcher.stop()?;
             }

@@ -3,7 +3,8 @@
 
 use crate::senses::Senses;
 use messages::{
-    Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, MAX_GROUP, Message,
+    Display, DriverAction, HumanBelief, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus,
+    MAX_GROUP, Message,
 };
 use models::human::following;
 use models::imagined::{ImaginedGroups, Moment};
@@ -15,22 +16,6 @@ use nn::Tensor;
 pub const GROUPS: usize = 4;
 /// Beliefs kept. A real-time plan starts several times from the same step while the person moves on.
 const REMEMBERED: usize = 4;
-
-/// [`ImagineAnswer::status`].
-mod status {
-    pub const ANSWERED: u32 = 0;
-    pub const NO_BELIEF: u32 = 1;
-    pub const NO_GROUP: u32 = 2;
-    pub const INCOMPARABLE: u32 = 3;
-}
-
-/// [`ImagineRequest::phase`].
-mod phase {
-    pub const START: u32 = 0;
-    pub const PERCEIVE: u32 = 1;
-    pub const FORGET: u32 = 2;
-    pub const COMPARE: u32 = 3;
-}
 
 /// The person, in the eyes of one human model.
 pub struct Person<S: Senses> {
@@ -138,7 +123,9 @@ impl<S: Senses> Person<S> {
         match self.expected.family {
             Family::Gaussian => column.copy_from_slice(&[taken.throttle, taken.steer]),
             Family::Categorical => {
-                if let (1.., Some(place)) = (taken.is_choice, column.get_mut(taken.choice as usize))
+                if let Some(place) = taken
+                    .discrete()
+                    .and_then(|choice| column.get_mut(choice as usize))
                 {
                     *place = 1.0;
                 }
@@ -186,23 +173,24 @@ impl<S: Senses> Person<S> {
     pub fn answer(&mut self, question: &ImagineRequest, answer: &mut ImagineAnswer) {
         let group = question.group as usize;
         let rows = question.rows as usize;
-        answer.status = status::NO_GROUP;
+        answer.status = ImagineStatus::NoGroup.wire();
         if group >= GROUPS {
             return;
         }
-        if question.phase == phase::COMPARE {
+        let phase = question.phase();
+        if phase == Ok(ImaginePhase::Compare) {
             self.compare(question, answer);
             return;
         }
-        let actions = match question.phase {
-            phase::START if (1..=MAX_GROUP).contains(&rows) => {
+        let actions = match phase {
+            Ok(ImaginePhase::Start) if (1..=MAX_GROUP).contains(&rows) => {
                 let position = Some((question.header.episode, question.header.step));
                 let Some(start) = self
                     .remembered
                     .iter()
                     .find(|kept| kept.position == position)
                 else {
-                    answer.status = status::NO_BELIEF;
+                    answer.status = ImagineStatus::NoBelief.wire();
                     return;
                 };
                 self.rows[group] = rows;
@@ -217,7 +205,7 @@ impl<S: Senses> Person<S> {
                     known,
                 )
             }
-            phase::PERCEIVE if rows > 0 && rows == self.rows[group] => {
+            Ok(ImaginePhase::Perceive) if rows > 0 && rows == self.rows[group] => {
                 if !self.take_in(question, rows) {
                     return;
                 }
@@ -230,17 +218,17 @@ impl<S: Senses> Person<S> {
                     question.seed,
                 )
             }
-            phase::FORGET => {
+            Ok(ImaginePhase::Forget) => {
                 self.groups.forget(group);
                 self.rows[group] = 0;
-                answer.status = status::ANSWERED;
+                answer.status = ImagineStatus::Answered.wire();
                 return;
             }
             _ => return,
         };
         let Ok(actions) = actions else { return };
         answer.action[..actions.data().len()].copy_from_slice(actions.data());
-        answer.status = status::ANSWERED;
+        answer.status = ImagineStatus::Answered.wire();
     }
 
     /// Answers how far the person's belief would be from the robot's in each version of the next step.
@@ -255,7 +243,7 @@ impl<S: Senses> Person<S> {
             .iter()
             .position(|kept| kept.position == position)
         else {
-            answer.status = status::NO_BELIEF;
+            answer.status = ImagineStatus::NoBelief.wire();
             return;
         };
         if !self.take_in(question, rows) {
@@ -281,10 +269,11 @@ impl<S: Senses> Person<S> {
             moment,
             &mut answer.divergence[..rows],
         );
-        answer.status = match compared {
-            Ok(()) => status::ANSWERED,
-            Err(_) => status::INCOMPARABLE,
+        let status = match compared {
+            Ok(()) => ImagineStatus::Answered,
+            Err(_) => ImagineStatus::Incomparable,
         };
+        answer.status = status.wire();
     }
 
     /// Copies what a question's imagined people see and are told; false if these are not modalities of ours.

@@ -1,7 +1,7 @@
 //! How what is sensed, shown and said in a domain becomes what models take.
 
 use domains::discrete::Layout;
-use messages::{Display, LidarFrame, Message, Observation, SECTORS, Sensed};
+use messages::{Display, LidarFrame, Message, Observation, SECTORS, Sensed, UtteranceContent};
 use models::utterances::{Said, UtteranceTable};
 use models::{Communicated, Observations, Shape};
 use std::sync::Arc;
@@ -56,10 +56,10 @@ impl Senses for UtteranceTable {
         let mut heard = 0;
         for utterance in &display.utterances[..spoken] {
             let sector = utterance.item as usize;
-            let said = match utterance.kind {
-                0 => Said::Nothing,
-                1 => Said::Slow,
-                2 => Said::Fast,
+            let said = match utterance.content() {
+                Ok(UtteranceContent::Nothing) => Said::Nothing,
+                Ok(UtteranceContent::Slow) => Said::Slow,
+                Ok(UtteranceContent::Fast) => Said::Fast,
                 _ => continue, // words that the models have never heard
             };
             if sector < SECTORS {

@@ -3,8 +3,8 @@
 use domains::discrete::{Acting, Scene};
 use human::{GROUPS, Options, Person};
 use messages::{
-    Display, DriverAction, HumanBelief, ImagineAnswer, ImagineRequest, LidarFrame, MAX_GROUP,
-    Message,
+    Display, DriverAction, HumanBelief, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus,
+    LidarFrame, MAX_GROUP, Message,
 };
 use models::checkpoint::{save_implants, save_self_model};
 use models::recurrent_file::save_policy;
@@ -72,6 +72,11 @@ fn observe(
     person.observe(&frame(step), display, Some(&taken), &mut out);
     out
 }
+
+const START: u32 = ImaginePhase::Start.wire();
+const PERCEIVE: u32 = ImaginePhase::Perceive.wire();
+const FORGET: u32 = ImaginePhase::Forget.wire();
+const COMPARE: u32 = ImaginePhase::Compare.wire();
 
 fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest> {
     let mut question = Box::new(ImagineRequest::ZERO);
@@ -164,51 +169,67 @@ fn the_likelihood_is_that_of_the_action_under_the_prediction_before() {
 fn questions_that_cannot_be_answered_say_why() {
     let mut person = person();
     assert_eq!(
-        ask(&mut person, &question(0, 0, 0, 5)).status,
-        1,
+        ask(&mut person, &question(0, 0, START, 5)).status(),
+        Ok(ImagineStatus::NoBelief),
         "nothing is believed yet"
     );
     for step in 0..6 {
         observe(&mut person, step, &Display::ZERO, [0.1; 2]);
     }
     assert_eq!(
-        ask(&mut person, &question(5, 0, 1, 5)).status,
-        2,
+        ask(&mut person, &question(5, 0, PERCEIVE, 5)).status(),
+        Ok(ImagineStatus::NoGroup),
         "the group was not started"
     );
     assert_eq!(
-        ask(&mut person, &question(0, 0, 0, 5)).status,
-        1,
+        ask(&mut person, &question(0, 0, START, 5)).status(),
+        Ok(ImagineStatus::NoBelief),
         "too long ago"
     );
-    assert_eq!(ask(&mut person, &question(9, 0, 0, 5)).status, 1, "not yet");
-    let mut elsewhere = question(5, 0, 0, 5);
+    assert_eq!(
+        ask(&mut person, &question(9, 0, START, 5)).status(),
+        Ok(ImagineStatus::NoBelief),
+        "not yet"
+    );
+    let mut elsewhere = question(5, 0, START, 5);
     elsewhere.header.episode = 1;
-    assert_eq!(ask(&mut person, &elsewhere).status, 1);
+    assert_eq!(
+        ask(&mut person, &elsewhere).status(),
+        Ok(ImagineStatus::NoBelief)
+    );
     // A plan may have begun a step ago.
     for step in [4, 5] {
-        assert_eq!(ask(&mut person, &question(step, 0, 0, 5)).status, 0);
+        assert_eq!(
+            ask(&mut person, &question(step, 0, START, 5)).status(),
+            Ok(ImagineStatus::Answered)
+        );
     }
-    assert_eq!(ask(&mut person, &question(5, 0, 1, 5)).status, 0);
+    assert_eq!(
+        ask(&mut person, &question(5, 0, PERCEIVE, 5)).status(),
+        Ok(ImagineStatus::Answered)
+    );
     for (group, phase, rows) in [
-        (GROUPS as u32, 0, 5),
-        (u32::MAX, 1, 5),
-        (0, 0, 0),
-        (0, 0, MAX_GROUP as u32 + 1),
-        (0, 1, 6),
-        (0, 1, u32::MAX),
+        (GROUPS as u32, START, 5),
+        (u32::MAX, PERCEIVE, 5),
+        (0, START, 0),
+        (0, START, MAX_GROUP as u32 + 1),
+        (0, PERCEIVE, 6),
+        (0, PERCEIVE, u32::MAX),
         (0, 4, 5),
     ] {
         assert_eq!(
-            ask(&mut person, &question(5, group, phase, rows)).status,
-            2,
+            ask(&mut person, &question(5, group, phase, rows)).status(),
+            Ok(ImagineStatus::NoGroup),
             "{group} {phase} {rows}"
         );
     }
-    assert_eq!(ask(&mut person, &question(5, 0, 2, 0)).status, 0);
     assert_eq!(
-        ask(&mut person, &question(5, 0, 1, 5)).status,
-        2,
+        ask(&mut person, &question(5, 0, FORGET, 0)).status(),
+        Ok(ImagineStatus::Answered)
+    );
+    assert_eq!(
+        ask(&mut person, &question(5, 0, PERCEIVE, 5)).status(),
+        Ok(ImagineStatus::NoGroup),
         "the group was forgotten"
     );
 }
@@ -220,14 +241,14 @@ fn an_answer_depends_on_belief_and_question_alone() {
         observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
         let rows = 30;
         let mut all = Vec::new();
-        for phase in [0, 1, 1] {
+        for phase in [START, PERCEIVE, PERCEIVE] {
             if between {
-                for phase in [0, 1] {
+                for phase in [START, PERCEIVE] {
                     ask(&mut person, &question(0, 1, phase, 300));
                 }
             }
             let answer = ask(&mut person, &question(0, 0, phase, rows));
-            assert_eq!(answer.status, 0);
+            assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
             all.extend_from_slice(&answer.action[..2 * rows as usize]);
         }
         all
@@ -237,7 +258,7 @@ fn an_answer_depends_on_belief_and_question_alone() {
     // A known action is what everybody does now.
     let mut person = person();
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
-    let mut known = question(0, 0, 0, 9);
+    let mut known = question(0, 0, START, 9);
     (known.action_known, known.action) = (1, [0.25, -0.5, 0.0, 0.0]);
     let answer = ask(&mut person, &known);
     assert_eq!(answer.action[..18], *[[0.25, -0.5]; 9].as_flattened());
@@ -246,7 +267,9 @@ fn an_answer_depends_on_belief_and_question_alone() {
 #[test]
 fn it_allocates_nothing_once_it_is_warm() {
     let mut person = person();
-    let questions: Vec<_> = (0..4).map(|i| question(0, i / 2, i % 2, 64)).collect();
+    let questions: Vec<_> = (0..4)
+        .map(|i| question(0, i / 2, [START, PERCEIVE][i as usize % 2], 64))
+        .collect();
     let mut answer = Box::new(ImagineAnswer::ZERO);
     let mut before = 0;
     for round in 0..3 {
@@ -257,7 +280,7 @@ fn it_allocates_nothing_once_it_is_warm() {
             observe(&mut person, step, &Display::ZERO, [0.1; 2]);
             for question in &questions {
                 person.answer(question, &mut answer);
-                assert_eq!(answer.status, 0);
+                assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
             }
         }
     }
@@ -335,13 +358,13 @@ fn the_ideal_model_is_that_of_a_named_person() {
 
 #[test]
 fn it_says_how_far_beliefs_are_apart_if_it_can() {
-    let mut compare = question(0, 0, 3, 5);
+    let mut compare = question(0, 0, COMPARE, 5);
     compare.robot_deviation.fill(1.0);
     compare.communicated[3] = 1 << 8;
     let mut person = person();
     assert_eq!(
-        ask(&mut person, &compare).status,
-        1,
+        ask(&mut person, &compare).status(),
+        Ok(ImagineStatus::NoBelief),
         "nothing is believed yet"
     );
     observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
@@ -350,7 +373,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
         compare.visual.copy_within(..113, 113 * row);
     }
     let answer = ask(&mut person, &compare);
-    assert_eq!(answer.status, 0);
+    assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
     let apart = &answer.divergence[..5];
     assert!(
         apart.iter().all(|kl| kl.is_finite() && *kl > 0.0),
@@ -372,8 +395,8 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     let mut other = Person::new(Box::new(policy), table, 1);
     observe(&mut other, 0, &Display::ZERO, [0.0; 2]);
     assert_eq!(
-        ask(&mut other, &compare).status,
-        3,
+        ask(&mut other, &compare).status(),
+        Ok(ImagineStatus::Incomparable),
         "a belief of another kind"
     );
 }

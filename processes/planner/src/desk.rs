@@ -1,7 +1,7 @@
 //! Between messages and the planning library: where a plan starts, and what its decision looks like on the topic.
 
-use crate::{Options, reason};
-use messages::{CommAction, DriverAction, RobotBelief};
+use crate::Options;
+use messages::{CommAction, DecisionReason, DriverAction, RobotBelief};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
 use nn::Tensor;
@@ -120,8 +120,8 @@ impl Desk {
             .copy_from_slice(&belief.deviation[..latent]);
         // A whole number of steps must not become one more by rounding. The decision is for the step after this one.
         let ready_steps = (speech_ready_s / self.step_s - 1e-3).ceil().max(0.0) as usize;
-        let choice = acted.filter(|acted| acted.is_choice != 0);
-        let choice = choice.map(|acted| acted.choice as usize);
+        let choice = acted.and_then(DriverAction::discrete);
+        let choice = choice.map(|choice| choice as usize);
         let choice = choice.filter(|choice| *choice < self.action.rows());
         self.action.fill(0.0);
         if let Some(choice) = choice {
@@ -164,6 +164,10 @@ impl Desk {
         out.cost = plan.cost;
         out.samples = self.settings.samples as u32;
         out.iterations = self.settings.iterations as u32;
-        out.reason = if late { reason::LATE } else { reason::PLANNED };
+        let reason = match late {
+            true => DecisionReason::Late,
+            false => DecisionReason::Planned,
+        };
+        out.reason = reason.wire();
     }
 }

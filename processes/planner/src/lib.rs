@@ -9,7 +9,9 @@ pub use remote::{RemotePeople, Waiting};
 
 use anyhow::{Context, Result, bail};
 use domains::discrete::Scene;
-use messages::{CommAction, Display, DriverAction, Header, HumanBelief, RobotBelief, topic};
+use messages::{
+    CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, RobotBelief, topic,
+};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
 use planning::{PeopleError, Settings};
@@ -67,14 +69,6 @@ pub struct Options {
 /// Ten times what an answer to half of the default samples takes.
 fn default_patience_ms() -> u64 {
     50
-}
-
-/// [`CommAction::reason`].
-mod reason {
-    pub const PLANNED: u32 = 0;
-    pub const NO_PLANNER: u32 = 1;
-    pub const HUMAN_SILENT: u32 = 2;
-    pub const LATE: u32 = 3;
 }
 
 impl Options {
@@ -162,7 +156,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
             continue;
         };
         decisions.send_with(Stamp::of(header).next(), |out| {
-            out.reason = reason::NO_PLANNER
+            out.reason = DecisionReason::NoPlanner.wire()
         })?;
         node.end_step();
     }
@@ -268,7 +262,9 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
                 | PeopleError::Replaced,
             ) => {
                 client.give_up();
-                decisions.send_with(stamp.next(), |out| out.reason = reason::HUMAN_SILENT)?;
+                decisions.send_with(stamp.next(), |out| {
+                    out.reason = DecisionReason::HumanSilent.wire()
+                })?;
             }
         }
         node.count_missed(u64::from(late));

@@ -1,15 +1,12 @@
 //! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
 
-use messages::{CHOICES, HumanBelief, ImagineRequest, MAX_GROUP};
+use messages::{CHOICES, HumanBelief, ImaginePhase, ImagineRequest, ImagineStatus, MAX_GROUP};
 use models::imagined::Moment;
 use models::{Communicated, Observations};
 use nn::Tensor;
 use planning::planner::GROUPS;
 use planning::{ImaginedPeople, PeopleError};
 use runtime::{Input, Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
-
-/// [`ImagineRequest::phase`] that asks how far beliefs are apart.
-const COMPARE: u32 = 3;
 
 /// Answers that came while another group's was awaited; kept by the loop, so that planning allocates nothing.
 pub struct Waiting {
@@ -99,7 +96,8 @@ impl RemotePeople<'_> {
             return Ok(());
         };
         let rows = answer.rows as usize;
-        if answer.status != 0 || rows != place.rows || rows > MAX_GROUP {
+        if answer.status() != Ok(ImagineStatus::Answered) || rows != place.rows || rows > MAX_GROUP
+        {
             return Err(PeopleError::NoBelief);
         }
         let width = place.actions.rows();
@@ -125,7 +123,7 @@ impl ImaginedPeople for RemotePeople<'_> {
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.send(group, rows, |question| {
-            question.phase = 0;
+            question.phase = ImaginePhase::Start.wire();
             question.seed = seed;
             question.action_known = u32::from(known_action.is_some());
             question.action = [0.0; CHOICES];
@@ -145,7 +143,7 @@ impl ImaginedPeople for RemotePeople<'_> {
         let rows = observations.batch();
         let hears = self.hears;
         self.send(group, rows, |question| {
-            question.phase = 1;
+            question.phase = ImaginePhase::Perceive.wire();
             question.seed = seed;
             question.action_known = 0;
             for (asked, bits) in question.communicated.iter_mut().zip(communicated) {
@@ -177,7 +175,7 @@ impl ImaginedPeople for RemotePeople<'_> {
         let sent = self.client.ask(self.stamp, |question| {
             question.group = 0;
             question.rows = rows as u32;
-            question.phase = COMPARE;
+            question.phase = ImaginePhase::Compare.wire();
             question.seed = 0;
             question.action_known = 1;
             let action = moment.action.column(0);
@@ -205,12 +203,12 @@ impl ImaginedPeople for RemotePeople<'_> {
             };
             let header = &answer.header;
             let is_ours = (header.episode, header.step) == (self.stamp.episode, self.stamp.step);
-            if !is_ours || answer.phase != COMPARE {
+            if !is_ours || answer.phase() != Ok(ImaginePhase::Compare) {
                 self.keep()?; // an answer of an earlier question
                 continue;
             }
-            return match answer.status {
-                0 if answer.rows as usize == rows => {
+            return match answer.status() {
+                Ok(ImagineStatus::Answered) if answer.rows as usize == rows => {
                     let divergence = &answer.divergence[..rows];
                     // A number that cannot be compared is no answer.
                     if divergence.iter().any(|kl| kl.is_nan()) {
@@ -219,7 +217,7 @@ impl ImaginedPeople for RemotePeople<'_> {
                     out[..rows].copy_from_slice(divergence);
                     Ok(())
                 }
-                3 => Err(PeopleError::Incomparable),
+                Ok(ImagineStatus::Incomparable) => Err(PeopleError::Incomparable),
                 _ => Err(PeopleError::NoBelief),
             };
         }

@@ -4,7 +4,7 @@
 mod support;
 
 use human::Person;
-use messages::{CommAction, HumanBelief, Message, RobotBelief};
+use messages::{CommAction, HumanBelief, ImaginePhase, ImagineStatus, Message, RobotBelief};
 use models::imagined::ImaginedGroups;
 use models::utterances::{Said, UtteranceTable};
 use models::{Beliefs, Communicated, HumanModel, Observations};
@@ -215,10 +215,10 @@ fn questions_leave_the_person_untouched() {
         alone.observe(&frame, &display, taken, &mut second);
         assert_eq!(first.bytes(), second.bytes());
         (question.header.episode, question.header.step) = (frame.header.episode, step);
-        for phase in [0, 1] {
-            (question.phase, question.rows, question.seed) = (phase, 7, u64::from(step));
+        for phase in [ImaginePhase::Start, ImaginePhase::Perceive] {
+            (question.phase, question.rows, question.seed) = (phase.wire(), 7, u64::from(step));
             asked.answer(&question, &mut answer);
-            assert_eq!(answer.status, 0);
+            assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
         }
     }
 }

@@ -2,15 +2,15 @@
 
 mod support;
 
-use messages::{CommAction, Display, DriverAction, LidarFrame, Message};
+use messages::{CommAction, DecisionReason, Display, DriverAction, LidarFrame, Message};
 use planner::{Method, Options};
 use runtime::ClockMode;
 use support::{Script, Set};
 
-fn said_nothing(decision: &CommAction, reason: u32) {
+fn said_nothing(decision: &CommAction, reason: DecisionReason) {
     assert_eq!(
-        (decision.visual, decision.verbal, decision.reason),
-        (0, 0, reason)
+        (decision.visual, decision.verbal, decision.reason()),
+        (0, 0, Ok(reason))
     );
 }
 
@@ -32,7 +32,7 @@ fn without_a_planner_every_step_gets_an_empty_decision() {
     let mut set = Set::start_with(ClockMode::Lockstep, &["planner"], options);
     for step in 0..3 {
         set.publish_beliefs(0, step, false);
-        said_nothing(&set.decision(0, step + 1), 1);
+        said_nothing(&set.decision(0, step + 1), DecisionReason::NoPlanner);
     }
     set.stop();
 }
@@ -42,7 +42,7 @@ fn in_real_time_no_human_belief_means_silence_and_says_why() {
     let mut set = Set::start_with(ClockMode::RealTime, &["planner"], support::options());
     publish_rest(&mut set, 0);
     set.publish_beliefs(0, 0, false);
-    said_nothing(&set.decision(0, 1), 2);
+    said_nothing(&set.decision(0, 1), DecisionReason::HumanSilent);
     set.stop();
 }
 
@@ -53,7 +53,7 @@ fn in_real_time_unanswered_questions_mean_silence() {
     for step in 0..7 {
         publish_rest(&mut set, step);
         set.publish_beliefs(0, step, true);
-        said_nothing(&set.decision(0, step + 1), 2);
+        said_nothing(&set.decision(0, step + 1), DecisionReason::HumanSilent);
     }
     set.stop();
 }
@@ -67,7 +67,10 @@ fn an_episode_may_end_between_belief_and_action() {
         for step in 0..2 {
             let (frame, display, action) = script.next(step, None);
             set.publish(&frame, &display, &action);
-            assert_eq!(set.decision(episode, step + 1).reason, 0);
+            assert_eq!(
+                set.decision(episode, step + 1).reason(),
+                Ok(DecisionReason::Planned)
+            );
         }
         let (frame, display, _) = script.next(2, None);
         set.publish_unanswered(&frame, &display);

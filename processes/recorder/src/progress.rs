@@ -49,7 +49,7 @@ impl Teller {
         };
         output.send_with(stamp, |progress| {
             progress.process = self.process;
-            progress.recorder = u32::MAX;
+            progress.recorder = Progress::NO_RECORDER;
         })
     }
 }

@@ -4,8 +4,8 @@ mod common;
 
 use common::{about, known};
 use messages::{
-    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Outcome, RobotBelief,
-    Scene, topic,
+    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Outcome, ProcessState,
+    RobotBelief, Scene, topic,
 };
 use recorder::Options;
 use recorder::result::RecorderResult;
@@ -140,10 +140,13 @@ fn finished(
         );
         while let Some(report) = launcher.next_report()? {
             let is_named = report.process.starts_with(name.as_bytes());
-            if is_named && report.state == 3 {
+            if is_named && report.state() == Ok(ProcessState::Finished) {
                 return Ok(report);
             }
-            anyhow::ensure!(report.state != 4, "a process failed");
+            anyhow::ensure!(
+                report.state() != Ok(ProcessState::Failed),
+                "a process failed"
+            );
         }
     }
 }

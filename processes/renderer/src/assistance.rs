@@ -1,7 +1,7 @@
 //! Whether the assistant keeps up in real time, so that a person who is not assisted is told so: once when it begins and once
 //! when it ends.
 
-use messages::{CommAction, Display, Header, Utterance};
+use messages::{CommAction, DecisionReason, Display, Header, Utterance};
 
 /// Steps that are looked back over.
 const RECENT: u32 = 10;
@@ -9,10 +9,6 @@ const RECENT: u32 = 10;
 const FEWEST: u32 = 5;
 /// … and with as many as this, again.
 const ENOUGH: u32 = 9;
-/// [`CommAction::reason`] where there is no planner.
-const NO_PLANNER: u32 = 1;
-/// [`CommAction::reason`] where the human model gave no answer: nothing was decided.
-const HUMAN_SILENT: u32 = 2;
 
 /// What was in time lately.
 #[derive(Clone, Debug, Default)]
@@ -29,7 +25,7 @@ impl Assistance {
     /// Takes note of a new frame and of the newest decision that is there with it, and tells the person in `display` if something
     /// has changed.
     pub fn look(&mut self, sensed: &Header, decision: Option<&CommAction>, display: &mut Display) {
-        if decision.is_some_and(|decision| decision.reason == NO_PLANNER) {
+        if decision.is_some_and(|decision| decision.reason() == Ok(DecisionReason::NoPlanner)) {
             *self = Self::default(); // nobody is promised anything
             return;
         }
@@ -37,7 +33,7 @@ impl Assistance {
             return; // for an episode's first step nothing is decided
         }
         let is_in_time = decision.is_some_and(|decision| {
-            decision.reason != HUMAN_SILENT
+            decision.reason() != Ok(DecisionReason::HumanSilent)
                 && (decision.header.episode, decision.header.step) == (sensed.episode, sensed.step)
         });
         let window = (1 << RECENT) - 1;
@@ -78,12 +74,12 @@ mod tests {
     use messages::Message;
 
     /// What a person is told over steps whose decisions are there in time, or not.
-    fn told(in_time: impl IntoIterator<Item = bool>, reason: u32) -> Vec<(u32, String)> {
+    fn told(in_time: impl IntoIterator<Item = bool>, reason: DecisionReason) -> Vec<(u32, String)> {
         let mut assistance = Assistance::default();
         let mut found = Vec::new();
         for (step, in_time) in (0..).zip(in_time) {
             let mut decision = CommAction::ZERO;
-            decision.reason = reason;
+            decision.reason = reason.wire();
             decision.header.step = if in_time {
                 step
             } else {
@@ -96,7 +92,7 @@ mod tests {
             let mut display = Display::ZERO;
             assistance.look(&sensed, Some(&decision), &mut display);
             if display.utterance_count > 0 {
-                assert_eq!(display.utterances[0].kind, Utterance::NOTICE);
+                assert!(display.utterances[0].is_notice());
                 assert_eq!(display.said(), 0, "nothing is said about an item");
                 found.push((step, text_of(&display.utterances[0]).into_owned()));
             }
@@ -108,7 +104,7 @@ mod tests {
     fn who_is_not_assisted_is_told_once_when_it_begins_and_once_when_it_ends() {
         let steps = (0..60).map(|step| !(15..40).contains(&step));
         assert_eq!(
-            told(steps, 0),
+            told(steps, DecisionReason::Planned),
             [
                 (
                     20,
@@ -121,14 +117,14 @@ mod tests {
             ]
         );
         assert!(
-            told((0..60).map(|step| step % 2 == 0), 0).is_empty(),
+            told((0..60).map(|step| step % 2 == 0), DecisionReason::Planned).is_empty(),
             "half of them"
         );
     }
 
     #[test]
     fn a_silent_human_model_leaves_the_person_alone_and_no_planner_promises_nothing() {
-        assert_eq!(told([true; 30], HUMAN_SILENT).len(), 1);
-        assert!(told([false; 30], NO_PLANNER).is_empty());
+        assert_eq!(told([true; 30], DecisionReason::HumanSilent).len(), 1);
+        assert!(told([false; 30], DecisionReason::NoPlanner).is_empty());
     }
 }

@@ -3,10 +3,10 @@
 
 use crate::render::{Render, is_in_force};
 use domains::discrete::Scene;
-use domains::highway::Observation;
 use domains::highway::display::most_wanted;
 use domains::highway::speech::{self, SECTOR_AZIMUTHS, displayable};
-use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance};
+use domains::highway::{Observation, UtteranceKind};
+use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance, UtteranceContent};
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -82,7 +82,7 @@ impl Renderer {
         Utterance {
             text,
             item: sector as u32,
-            kind: heard.kind as u32,
+            kind: content_of(heard.kind).wire(),
             range_m: heard.range_m,
             speed_mps: heard.speed_mps,
         }
@@ -110,7 +110,7 @@ impl Render for Renderer {
         if !self.follows(episode) {
             self.follow(episode, None);
         }
-        display.objects = [-1; 16];
+        display.objects = [LidarFrame::NO_OBJECT; 16];
         display.object_count = 0;
         display.utterance_count = 0;
         display.highlighted = 0;
@@ -128,6 +128,14 @@ impl Render for Renderer {
             }
         }
         display.speech_ready_s = self.ready_step.saturating_sub(step) as f32 * self.step_s;
+    }
+}
+
+fn content_of(kind: UtteranceKind) -> UtteranceContent {
+    match kind {
+        UtteranceKind::Nothing => UtteranceContent::Nothing,
+        UtteranceKind::Slow => UtteranceContent::Slow,
+        UtteranceKind::Fast => UtteranceContent::Fast,
     }
 }
 
@@ -152,14 +160,12 @@ mod tests {
     use messages::{AZIMUTHS, Message};
 
     const REACH_M: f32 = 40.0;
-    const SLOW: u32 = speech::UtteranceKind::Slow as u32;
-    const FAST: u32 = speech::UtteranceKind::Fast as u32;
 
     fn frame(step: u32, cars: &[(usize, i32, f32, f32)]) -> LidarFrame {
         let mut frame = LidarFrame::ZERO;
         frame.header.step = step;
         frame.range = [1.0; messages::BEAMS];
-        frame.object = [-1; AZIMUTHS];
+        frame.object = [LidarFrame::NO_OBJECT; AZIMUTHS];
         for &(azimuth, object, range_m, speed_mps) in cars {
             frame.range[AZIMUTHS + azimuth] = range_m / REACH_M;
             frame.object[azimuth] = object;
@@ -220,7 +226,7 @@ mod tests {
         let wanted = [(2, 0.5), (3, 0.9)];
         let first = render(&mut renderer, &frame(10, &cars), 0, &wanted);
         assert_eq!((first.utterance_count, first.utterances[0].item), (1, 3));
-        assert_eq!(first.utterances[0].kind, FAST);
+        assert_eq!(first.utterances[0].content(), Ok(UtteranceContent::Fast));
         assert!((first.utterances[0].range_m - 23.0).abs() < 1e-5);
         assert_eq!(first.utterances[0].speed_mps, 18.2);
         let words = speech::sentence(3, speech::UtteranceKind::Fast);
@@ -237,7 +243,7 @@ mod tests {
         let later = render(&mut renderer, &frame(34, &cars), 0, &[(2, 0.5)]);
         assert_eq!((later.utterance_count, later.utterances[0].item), (1, 2));
         // The nearest car of the sector is the slow one at 12 m.
-        assert_eq!(later.utterances[0].kind, SLOW);
+        assert_eq!(later.utterances[0].content(), Ok(UtteranceContent::Slow));
         assert!((later.utterances[0].range_m - 12.0).abs() < 1e-5);
     }
 
@@ -246,7 +252,7 @@ mod tests {
         let mut renderer = Renderer::new(&Options::default());
         let wanted = [(3, 0.9)];
         let first = render(&mut renderer, &frame(10, &[]), 0, &wanted);
-        assert_eq!(first.utterances[0].kind, 0);
+        assert_eq!(first.utterances[0].content(), Ok(UtteranceContent::Nothing));
         assert_eq!(first.utterances[0].range_m, REACH_M);
         let mut next = frame(1, &[]);
         next.header.episode = 1;

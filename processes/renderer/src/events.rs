@@ -5,7 +5,9 @@ use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
 use crate::render::Tell;
 use domains::highway::LIDAR_RANGE_M;
 use domains::highway::speech::{SECTOR_AZIMUTHS, SECTOR_NAMES};
-use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Outcome, SECTORS, Utterance};
+use messages::{
+    AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Outcome, SECTORS, Utterance, UtteranceContent,
+};
 use std::io::{self, Write};
 
 /// Seconds for which a sector must have been dark before its next highlight is an event again.
@@ -40,11 +42,12 @@ impl<W: Write> Events<W> {
         let text = text_of(utterance);
         let sector = SECTOR_NAMES.get(utterance.item as usize).unwrap_or(&"?");
         let (range_m, speed_mps) = (utterance.range_m, utterance.speed_mps);
-        match utterance.kind {
-            Utterance::NOTICE => self.lines.notice(step, utterance),
-            0 => self
-                .lines
-                .line(step, CYAN, "SAY", format_args!("“{text}”  {sector}")),
+        match utterance.content() {
+            Ok(UtteranceContent::Notice) => self.lines.notice(step, utterance),
+            Ok(UtteranceContent::Nothing) => {
+                self.lines
+                    .line(step, CYAN, "SAY", format_args!("“{text}”  {sector}"))
+            }
             _ => self.lines.line(
                 step,
                 CYAN,
@@ -196,7 +199,8 @@ mod tests {
     fn collisions_and_ends_are_told() {
         let mut outcome = Outcome::ZERO;
         outcome.header.step = 20;
-        (outcome.collided, outcome.other, outcome.end) = (1, 4, 2);
+        (outcome.collided, outcome.other) = (1, 4);
+        outcome.end = messages::EpisodeEnd::Collision.wire();
         let lines = lines(|events| drop(events.outcome(&outcome)));
         assert_eq!(
             lines[1..],

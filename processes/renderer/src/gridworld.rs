@@ -4,12 +4,11 @@ use crate::content::Options;
 use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
 use domains::discrete::{Domain, Layout, Words, sentence};
-use messages::{CommAction, Display, Observation, Outcome, PICTURE_BYTES, Picture, Utterance};
+use messages::{
+    CommAction, Display, LidarFrame, Observation, Outcome, PICTURE_BYTES, Picture, UtteranceContent,
+};
 use std::io::{self, Write};
 use std::sync::Arc;
-
-/// [`messages::Utterance::kind`] of what the text says.
-const IN_WORDS: u32 = 3;
 
 /// Shows regions and says sentences as they were decided; nothing has to wait for its turn.
 pub struct GridRenderer {
@@ -44,7 +43,7 @@ impl GridRenderer {
         // A zero follows.
         let length = self.text.len().min(utterance.text.len() - 1);
         utterance.text[..length].copy_from_slice(&self.text.as_bytes()[..length]);
-        (utterance.item, utterance.kind) = (item as u32, IN_WORDS);
+        (utterance.item, utterance.kind) = (item as u32, UtteranceContent::InWords.wire());
         display.utterance_count += 1;
     }
 }
@@ -70,7 +69,7 @@ impl Render for GridRenderer {
         if !self.follows(sensed.header.episode) {
             self.follow(sensed.header.episode, None);
         }
-        display.objects = [-1; 16];
+        display.objects = [LidarFrame::NO_OBJECT; 16];
         let Some(decision) = decision.filter(|decision| is_in_force(decision, &sensed.header))
         else {
             return;
@@ -130,7 +129,7 @@ impl<W: Write> Tell for GridEvents<W> {
         }
         let spoken = (display.utterance_count as usize).min(display.utterances.len());
         for utterance in &display.utterances[..spoken] {
-            if utterance.kind == Utterance::NOTICE {
+            if utterance.is_notice() {
                 self.lines.notice(step, utterance)?;
                 continue;
             }
@@ -237,7 +236,8 @@ mod tests {
         renderer.render(&sensed, Some(&decision(0, 0b11, 0b10000)), &mut display);
         events.display(&display, &sensed).expect("memory takes it");
         let mut outcome = Outcome::ZERO;
-        (outcome.header.step, outcome.collided, outcome.end) = (2, 1, 1);
+        (outcome.header.step, outcome.collided) = (2, 1);
+        outcome.end = messages::EpisodeEnd::Goal.wire();
         events.outcome(&outcome).expect("memory takes it");
         let text = String::from_utf8_lossy(&out);
         let lines: Vec<_> = text.lines().map(str::trim_start).collect();

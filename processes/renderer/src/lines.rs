@@ -1,6 +1,6 @@
 //! Lines about events, for a terminal: when, what, and the rest.
 
-use messages::{Outcome, Utterance};
+use messages::{EpisodeEnd, Outcome, Utterance};
 use std::borrow::Cow;
 use std::io::{self, Write};
 
@@ -49,11 +49,11 @@ impl<W: Write> Lines<W> {
     /// # Errors
     /// What `out` gives.
     pub fn end(&mut self, outcome: &Outcome, success: &str) -> io::Result<()> {
-        let how = match outcome.end {
-            1 => success,
-            2 => "ended by a collision",
-            3 => "out of time",
-            _ => return Ok(()),
+        let how = match outcome.end() {
+            Ok(EpisodeEnd::Goal) => success,
+            Ok(EpisodeEnd::Collision) => "ended by a collision",
+            Ok(EpisodeEnd::OutOfTime) => "out of time",
+            Ok(EpisodeEnd::Running) | Err(_) => return Ok(()),
         };
         let (episode, step) = (outcome.header.episode, outcome.header.step);
         self.line(step, BOLD, "END", format_args!("episode {episode}: {how}"))

@@ -1,6 +1,8 @@
 //! The renderer in a run: in lockstep every frame gets the display that its decision asks for.
 
-use messages::{AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, topic};
+use messages::{
+    AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, ProcessState, topic,
+};
 use renderer::{Options, Render, Renderer};
 use runtime::{
     ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments,
@@ -136,8 +138,11 @@ fn run(
             "no end"
         );
         while let Some(report) = launcher.next_report()? {
-            anyhow::ensure!(report.state != 4, "a process failed");
-            if report.state == 3 {
+            anyhow::ensure!(
+                report.state() != Ok(ProcessState::Failed),
+                "a process failed"
+            );
+            if report.state() == Ok(ProcessState::Finished) {
                 running -= 1;
                 missed += report.missed_deadlines;
                 launcher.stop()?;

@@ -1,8 +1,8 @@
 //! A recorded drive, step by step: what was sensed, shown and done, and what was believed and decided then.
 
 use messages::{
-    CommAction, Display, DriverAction, Header, HumanBelief, LidarFrame, Message, Observation,
-    Outcome, RobotBelief, topic,
+    CommAction, Display, DriverAction, EpisodeEnd, Header, HumanBelief, LidarFrame, Message,
+    Observation, Outcome, RobotBelief, topic,
 };
 use recorder::parts::{parts_of, read_parts};
 use recorder::read::{Ending, Found, ReadError, run_of};
@@ -263,7 +263,10 @@ impl Drive {
             }
             expected = episode.saturating_add(1);
             let steps = || self.steps.range((episode, 0)..=(episode, u32::MAX));
-            let ended = steps().find(|(_, step)| step.outcome.is_some_and(|o| o.end != 0));
+            let ended = steps().find(|(_, step)| {
+                step.outcome
+                    .is_some_and(|o| o.end() != Ok(EpisodeEnd::Running))
+            });
             let begun = steps().rev().find(|(_, step)| step.has_begun());
             let next = begun.map_or(0, |((_, step), _)| step.saturating_add(1));
             let end = ended.map_or(next, |((_, step), _)| *step);

@@ -1,6 +1,6 @@
 //! What a replay finds out about a step, for the report: one row per step, kept as JSON lines.
 
-use messages::{CommAction, VERBAL_ITEMS, VISUAL_ITEMS};
+use messages::{CommAction, DecisionReason, UnknownNumber, VERBAL_ITEMS, VISUAL_ITEMS};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
@@ -68,6 +68,14 @@ impl From<&CommAction> for Decision {
 }
 
 impl Decision {
+    /// How it came about.
+    ///
+    /// # Errors
+    /// [`UnknownNumber`].
+    pub fn reason(&self) -> Result<DecisionReason, UnknownNumber> {
+        DecisionReason::from_wire(self.reason)
+    }
+
     /// Whether the same would be communicated.
     pub fn says_the_same(&self, other: &Self) -> bool {
         (self.visual, self.verbal) == (other.visual, other.verbal)

@@ -114,7 +114,7 @@ fn missing_steps_are_named() {
         if let Recorded::Outcome(outcome) = message
             && (outcome.header.episode, outcome.header.step) == (0, 7)
         {
-            outcome.end = 1;
+            outcome.end = messages::EpisodeEnd::Goal.wire();
         }
     }
     assert_eq!(missing(&messages).1, expected[1..]);
@@ -145,7 +145,7 @@ fn words_of_a_display_outlive_the_display_that_follows_in_its_step() {
     let mut messages = steps(0, 3);
     let (mut first, mut second) = (stamped::<Display>(3, 3, 0), stamped::<Display>(3, 4, 1));
     first.utterance_count = 1;
-    first.utterances[0].kind = 2;
+    first.utterances[0].kind = messages::UtteranceContent::Fast.wire();
     second.highlighted = 5;
     messages.extend([Recorded::from(&first), Recorded::from(&second)]);
     write(&path, RUN, &messages);

@@ -2,10 +2,10 @@
 
 use crate::truth::Truth;
 use anyhow::{Result, ensure};
-use domains::discrete::{self, Discrete, Scene, World};
+use domains::discrete::{self, Discrete, End, Scene, World};
 use messages::{
-    DriverAction, Observation, Outcome, PICTURE_BYTES, Picture, VERBAL_NUMBERS, VISUAL_NUMBERS,
-    topic,
+    DriverAction, EpisodeEnd, Observation, Outcome, PICTURE_BYTES, Picture, VERBAL_NUMBERS,
+    VISUAL_NUMBERS, topic,
 };
 use runtime::{Node, Output, Stamp};
 
@@ -58,8 +58,9 @@ impl Truth for Gridworld {
     fn step(&mut self, step: u32, action: Option<&DriverAction>) {
         // A choice is made once: where it does not come in time nothing is done, which no number of an action stands for.
         let nothing = self.world.layout().actions;
-        let chosen = action.filter(|action| action.is_choice != 0 && action.header.step == step);
-        let choice = chosen.map_or(nothing, |action| action.choice as usize);
+        let chosen = action.filter(|action| action.header.step == step);
+        let choice = chosen.and_then(DriverAction::discrete);
+        let choice = choice.map_or(nothing, |choice| choice as usize);
         self.outcome = self.world.step(choice);
     }
 
@@ -71,8 +72,8 @@ impl Truth for Gridworld {
         out.reward = self.outcome.reward;
         out.terms = self.outcome.terms;
         out.collided = u32::from(self.outcome.collided);
-        out.end = self.outcome.end as u32;
-        out.other = -1;
+        out.end = end_of(self.outcome.end).wire();
+        out.other = Outcome::NOTHING_TOUCHED;
     }
 
     fn sense(&mut self, out: &mut Observation) {
@@ -97,5 +98,14 @@ impl Truth for Gridworld {
         Ok(self
             .picture
             .send_with(stamp, |out| out.text[..length].copy_from_slice(text))?)
+    }
+}
+
+fn end_of(end: End) -> EpisodeEnd {
+    match end {
+        End::Running => EpisodeEnd::Running,
+        End::Success => EpisodeEnd::Goal,
+        End::Collision => EpisodeEnd::Collision,
+        End::OutOfTime => EpisodeEnd::OutOfTime,
     }
 }

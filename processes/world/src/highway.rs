@@ -4,7 +4,10 @@ use crate::truth::Truth;
 use anyhow::Result;
 use domains::highway::traffic::CarState;
 use domains::highway::{self, End, World};
-use messages::{DriverAction, LidarFrame, MAX_OBJECTS, ObjectPose, Outcome, Scene, TERMS, topic};
+use messages::{
+    DriverAction, EpisodeEnd, LidarFrame, MAX_OBJECTS, ObjectKind, ObjectPose, Outcome, Scene,
+    TERMS, topic,
+};
 use runtime::{Node, Output, Stamp};
 
 /// The highway.
@@ -95,9 +98,18 @@ fn write_outcome(outcome: &highway::Outcome, message: &mut Outcome) {
         collision: outcome.collision,
         terms: [0.0; TERMS],
         collided: u32::from(outcome.collided),
-        end: outcome.end as u32,
+        end: end_of(outcome.end).wire(),
         other: outcome.other,
     };
+}
+
+fn end_of(end: End) -> EpisodeEnd {
+    match end {
+        End::Running => EpisodeEnd::Running,
+        End::Goal => EpisodeEnd::Goal,
+        End::Collision => EpisodeEnd::Collision,
+        End::OutOfTime => EpisodeEnd::OutOfTime,
+    }
 }
 
 fn write_scene(world: &World, by_distance: &mut Vec<(f64, usize)>, message: &mut Scene) {
@@ -109,8 +121,8 @@ fn write_scene(world: &World, by_distance: &mut Vec<(f64, usize)>, message: &mut
         speed_mps: ego.speed_mps as f32,
         length_m: ego.length_m as f32,
         width_m: ego.width_m as f32,
-        id: -1,
-        kind: 0,
+        id: ObjectPose::EGO,
+        kind: ObjectKind::Car.wire(),
     };
     by_distance.clear();
     for (index, car) in world
@@ -143,6 +155,9 @@ fn pose_of(car: &CarState) -> ObjectPose {
         length_m: 2.0 * car.half_length_m as f32,
         width_m: 2.0 * car.half_width_m as f32,
         id: car.id,
-        kind: u32::from(car.tall),
+        kind: match car.tall {
+            false => ObjectKind::Car.wire(),
+            true => ObjectKind::Other.wire(),
+        },
     }
 }

@@ -11,8 +11,6 @@ use runtime::{Input, Node, Position, RECORDER_BUFFER, Receive, Wake};
 
 /// Steps that they may be behind. A topic carries about a message a step, and their ports hold more.
 const MOST_BEHIND: usize = RECORDER_BUFFER * 5 / 8;
-/// [`Progress::process`] of the launcher, and [`Progress::recorder`] where there is none to wait for.
-const NONE: u32 = u32::MAX;
 
 /// The recorder and the launcher, as the world knows them.
 pub struct Listeners {
@@ -62,12 +60,13 @@ impl Listeners {
                 break;
             };
             let at = (progress.header.episode, progress.header.step);
-            if progress.process == NONE {
+            if progress.process == Progress::LAUNCHER {
                 self.launcher = self.launcher.max(Some(at));
                 let known = self.recorder.map(|(index, _)| index);
                 if known != Some(progress.recorder) {
                     // From here on: what was sent before it came is not its to take.
-                    self.recorder = (progress.recorder != NONE).then_some((progress.recorder, now));
+                    self.recorder = (progress.recorder != Progress::NO_RECORDER)
+                        .then_some((progress.recorder, now));
                 }
             } else if let Some((index, newest)) = &mut self.recorder
                 && *index == progress.process

@@ -1,4 +1,4 @@
-//! The messages of the gridworlds (DESIGN §3): driving, search and rescue, bomb defusal.
+//! The messages of the gridworlds: driving, search and rescue, bomb defusal.
 
 use crate::message::message;
 use crate::{Header, VERBAL_NUMBERS, VISUAL_NUMBERS};
@@ -16,7 +16,7 @@ message! {
         pub visual_len: u32,
         /// How much of `verbal` is used.
         pub verbal_len: u32,
-        /// See [`domain`](crate::domain).
+        /// Which domain; see [`DomainNumber`](crate::DomainNumber).
         pub domain: u32,
         /// A bit for each action that can be done now.
         pub legal: u32,

@@ -50,7 +50,7 @@ message! {
         pub width_m: f32,
         /// Identity, as in [`LidarFrame::object`]; −1 for the ego car.
         pub id: i32,
-        /// 0 car, 1 other.
+        /// [`ObjectKind`](crate::ObjectKind): 0 car, 1 other.
         pub kind: u32,
     } header: no
 }

@@ -16,6 +16,7 @@ pub fn python_module() -> String {
          \"\"\"\n\
          \n\
          import ctypes\n\
+         from enum import IntEnum\n\
          \n",
     );
     for (name, value) in [
@@ -36,6 +37,11 @@ pub fn python_module() -> String {
         ("MAX_GROUP", MAX_GROUP),
     ] {
         line(&mut out, format_args!("{name} = {value}"));
+    }
+    out.push_str("\n#: `Control.process` that addresses everybody.\n");
+    line(&mut out, format_args!("EVERYBODY = {}", Control::EVERYBODY));
+    for numbers in NUMBERS {
+        write_enum(numbers, &mut out);
     }
     for_each_message(|message| write_structure(&message, &mut out));
     out.push_str("\n\n#: The message that travels on each topic.\nTOPICS = {\n");
@@ -77,6 +83,27 @@ fn line(out: &mut String, text: core::fmt::Arguments) {
 /// `Header` of `mirror_msgs/Header`.
 fn class_name(ros_type: &str) -> &str {
     ros_type.rsplit('/').next().unwrap_or(ros_type)
+}
+
+fn write_enum(numbers: &Numbers, out: &mut String) {
+    line(out, format_args!("\n\nclass {}(IntEnum):", numbers.name));
+    let doc = numbers.doc.trim();
+    line(out, format_args!("    \"\"\"{doc}\"\"\"\n"));
+    for (name, number) in numbers.values {
+        line(out, format_args!("    {} = {number}", constant(name)));
+    }
+}
+
+/// `OUT_OF_TIME` of `OutOfTime`.
+fn constant(name: &str) -> String {
+    let mut out = String::new();
+    for (place, letter) in name.chars().enumerate() {
+        if place > 0 && letter.is_uppercase() {
+            out.push('_');
+        }
+        out.push(letter.to_ascii_uppercase());
+    }
+    out
 }
 
 fn write_structure(message: &Description, out: &mut String) {

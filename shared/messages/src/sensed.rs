@@ -1,6 +1,9 @@
 //! What a world lets be sensed: a message of its domain's, on a topic of its own, at which every step begins.
 
-use crate::{Display, LidarFrame, Message, Observation, Utterance, VERBAL, domain, topic};
+use crate::{
+    Display, DomainNumber, LidarFrame, Message, Observation, Utterance, UtteranceContent, VERBAL,
+    topic,
+};
 
 /// What is sensed at a step. Loops over it are the same in every domain.
 pub trait Sensed: Message {
@@ -16,7 +19,7 @@ impl Sensed for LidarFrame {
 
     fn measure(&self) -> [u32; 3] {
         let visual = self.range.len() + self.ego.len();
-        [domain::HIGHWAY, visual as u32, VERBAL as u32]
+        [DomainNumber::Highway.wire(), visual as u32, VERBAL as u32]
     }
 }
 
@@ -41,14 +44,11 @@ impl Observation {
 }
 
 impl Utterance {
-    /// [`Utterance::kind`] of a notice: the text is about the assistant itself, and about no item.
-    pub const NOTICE: u32 = 4;
-
     /// A notice, as much of it as fits.
     pub fn notice(text: &str) -> Self {
         let mut notice = Self {
-            item: u32::MAX,
-            kind: Self::NOTICE,
+            item: Self::NO_ITEM,
+            kind: UtteranceContent::Notice.wire(),
             ..Self::ZERO
         };
         // A zero follows.

@@ -1,4 +1,4 @@
-//! The messages that every domain has (DESIGN §3), in the order in which a step produces them. They hold what the largest
+//! The messages that every domain has, in the order in which a step produces them. They hold what the largest
 //! domain needs, and say how much of it is used; what one domain alone has, such as the highway's LIDAR, has a message of its own.
 
 use crate::Header;
@@ -61,18 +61,6 @@ pub mod topic {
     pub const PROGRESS: &str = "run/progress";
 }
 
-/// Numbers of the domains in messages.
-pub mod domain {
-    /// The highway.
-    pub const HIGHWAY: u32 = 0;
-    /// Gridworld driving.
-    pub const DRIVING: u32 = 1;
-    /// Search and rescue.
-    pub const SEARCH_RESCUE: u32 = 2;
-    /// Bomb defusal.
-    pub const BOMB_DEFUSAL: u32 = 3;
-}
-
 message! {
     /// What step k−1's action led to: reward by term, collision, end. The named terms are the highway's.
     pub struct Outcome, "2" {
@@ -100,7 +88,7 @@ message! {
         pub terms: [f32; TERMS],
         /// 1 if the ego car touched another car or left the road in this step, or a person ran into an obstacle.
         pub collided: u32,
-        /// 0 running, 1 goal reached, 2 collision, 3 out of time.
+        /// [`EpisodeEnd`](crate::EpisodeEnd): 0 running, 1 goal reached, 2 collision, 3 out of time.
         pub end: u32,
         /// Identity of the car that was touched; −1 for none, −2 for the road's edge.
         pub other: i32,
@@ -130,7 +118,7 @@ message! {
         pub visual_len: u32,
         /// How much of `verbal` is used.
         pub verbal_len: u32,
-        /// See [`domain`].
+        /// Which domain; see [`DomainNumber`](crate::DomainNumber).
         pub domain: u32,
     } header: yes
 }
@@ -178,7 +166,7 @@ message! {
         pub value_silent: f32,
         /// Communication cost of this step.
         pub cost: f32,
-        /// 0 planned, 1 no planner, 2 the human model gave no answer, 3 late.
+        /// [`DecisionReason`](crate::DecisionReason): 0 planned, 1 no planner, 2 the human model gave no answer, 3 late.
         pub reason: u32,
         /// Imagined futures.
         pub samples: u32,
@@ -194,7 +182,8 @@ message! {
         pub text: [u8; 64] as text,
         /// The verbal item: on the highway, the sector it is about. `u32::MAX` for a notice.
         pub item: u32,
-        /// 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds); 4 a notice about the assistant itself.
+        /// [`UtteranceContent`](crate::UtteranceContent): 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds); 4 a
+        /// notice about the assistant itself.
         pub kind: u32,
         /// Highway: range of the nearest car there in m; 40 for none.
         pub range_m: f32,
@@ -248,8 +237,9 @@ message! {
         pub seed: u64,
         /// Group of imagined people; the human model keeps each group's beliefs from question to question.
         pub group: u32,
-        /// 0: start from the current belief. 1: perceive what is below, then act. 2: forget the group. 3: no group, but how far
-        /// from the robot's belief would the person's be, had they perceived what is below after `action`?
+        /// [`ImaginePhase`](crate::ImaginePhase). 0: start from the current belief. 1: perceive what is below, then act. 2: forget
+        /// the group. 3: no group, but how far from the robot's belief would the person's be, had they perceived what is below
+        /// after `action`?
         pub phase: u32,
         /// People in the group.
         pub rows: u32,
@@ -284,9 +274,10 @@ message! {
         pub group: u32,
         /// People in the group.
         pub rows: u32,
-        /// 0 answered, 1 no belief for that step, 2 no such group, 3 no belief that could be compared with the robot's.
+        /// [`ImagineStatus`](crate::ImagineStatus): 0 answered, 1 no belief for that step, 2 no such group, 3 no belief that could
+        /// be compared with the robot's.
         pub status: u32,
-        /// The question's phase.
+        /// The question's phase; see [`ImaginePhase`](crate::ImaginePhase).
         pub phase: u32,
         /// Actions of the people, one after the other without gaps: throttle/brake and steer, or as many numbers as there are
         /// discrete actions, a 1 in the place of the one that is taken.
@@ -301,8 +292,8 @@ message! {
     pub struct Control, "1" {
         /// Header.
         pub header: Header,
-        /// 1 start, 2 stop, 3 take over from the header's episode and step on, 4 report, 5 connect to who joined, 6 be silent
-        /// from the header's episode and step on.
+        /// [`ControlCommand`](crate::ControlCommand): 1 start, 2 stop, 3 take over from the header's episode and step on, 4 report,
+        /// 5 connect to who joined, 6 be silent from the header's episode and step on.
         pub command: u32,
         /// Process addressed: index in launch order, or `u32::MAX` for all.
         pub process: u32,
@@ -354,7 +345,8 @@ message! {
         pub index: u32,
         /// Operating-system process id.
         pub pid: u32,
-        /// 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take over or hand over as told, 7 too late for that, 8 silent from now on.
+        /// [`ProcessState`](crate::ProcessState): 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take over or hand
+        /// over as told, 7 too late for that, 8 silent from now on.
         pub state: u32,
     } header: yes
 }

@@ -40,8 +40,40 @@ fn python_structures_are_those_that_the_types_make() {
         let line = format!("    \"{topic}\": {class},\n");
         assert!(file.contains(&line), "{topic}");
     }
+    let phases = "\n    START = 0\n    PERCEIVE = 1\n    FORGET = 2\n    COMPARE = 3\n";
+    assert!(file.contains(phases), "{phases}");
     let layout = format!("    LAYOUT = \"{}\"\n", LidarFrame::layout_text());
     assert!(file.contains(&layout), "{layout}");
+}
+
+/// Whoever reads a message in another language has the numbers' meanings from the fields' documentation.
+#[test]
+fn numbers_have_one_meaning_in_either_direction() {
+    use messages::{ControlCommand, ImaginePhase, ProcessState, UnknownNumber};
+    for numbers in messages::NUMBERS {
+        let mut seen = std::collections::BTreeSet::new();
+        for (name, number) in numbers.values {
+            assert!(seen.insert(number), "{}::{name}", numbers.name);
+        }
+        let mut documented = false;
+        messages::for_each_message(|message| {
+            let mut docs = message.fields.iter().map(|field| field.doc);
+            documented |= docs.any(|doc| doc.contains(numbers.name));
+        });
+        assert!(documented, "{}: no field says that it is one", numbers.name);
+    }
+    for number in 0..=9 {
+        match ProcessState::from_wire(number) {
+            Ok(state) => assert_eq!(state.wire(), number),
+            Err(error) => {
+                let what = "ProcessState";
+                assert_eq!(error, UnknownNumber { what, number });
+                assert!([0, 9].contains(&number), "{error}");
+            }
+        }
+    }
+    assert_eq!(ControlCommand::try_from(6), Ok(ControlCommand::HandOver));
+    assert_eq!(u32::from(ImaginePhase::Compare), 3);
 }
 
 /// Bytes of a CDR primitive.

@@ -6,7 +6,8 @@
 //! same messages as the real ones do. Tails are whole: nothing is filtered.
 
 use messages::{
-    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Outcome, RobotBelief, Scene, topic,
+    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Outcome, ProcessState, RobotBelief,
+    Scene, topic,
 };
 use runtime::{
     ClockMode, Input, InputOptions, InstanceLock, Launcher, LauncherWake, Node, NodeError, Receive,
@@ -74,10 +75,10 @@ fn run(name: &str, processes: &[&str], spin_us: u32) -> Result<(), Box<dyn std::
         while let Some(report) = launcher.next_report()? {
             let process = text_of(&report.process);
             let lost: u64 = report.ports.iter().map(|port| port.lost).sum();
-            if report.state == 4 {
+            if report.state() == Ok(ProcessState::Failed) {
                 return Err(format!("{process}: {}", text_of(&report.text)).into());
             }
-            if report.state != 3 {
+            if report.state() != Ok(ProcessState::Finished) {
                 continue;
             }
             rest -= 1;

@@ -11,7 +11,7 @@ use crate::error::{NodeError, PortError};
 use crate::input::{Input, Receive, Source};
 use crate::node::{Node, Wake};
 use crate::output::{Loan, Output, Stamp};
-use messages::{ImagineAnswer, ImagineRequest, topic};
+use messages::{ImagineAnswer, ImagineRequest, ImagineStatus, topic};
 
 /// The planner's side.
 pub struct RequestClient {
@@ -170,7 +170,7 @@ impl RequestServer {
         loan.group = question.group;
         loan.phase = question.phase;
         loan.rows = question.rows;
-        loan.status = 0;
+        loan.status = ImagineStatus::Answered.wire();
         answer(question, &mut loan);
         loan.send(Stamp::of(&question.header))
     }

@@ -5,15 +5,13 @@ use crate::clock::now_ns;
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
-use crate::node::command;
 use crate::output::{Output, Stamp};
-use crate::report::state;
 use crate::role::Position;
 use crate::service::{open_bell, open_topic};
 use crate::shared::Shared;
 use crate::signal;
 use crate::sleeper::{Sleeper, Woken};
-use messages::{Control, Message, Progress, Report, topic};
+use messages::{Control, ControlCommand, Message, ProcessState, Progress, Report, topic};
 use std::any::Any;
 use std::os::fd::RawFd;
 use std::rc::Rc;
@@ -173,7 +171,7 @@ impl Launcher {
                         if report.header.run_id != self.arguments.run_id {
                             continue;
                         }
-                        if report.state == state::FAILED {
+                        if report.state() == Ok(ProcessState::Failed) {
                             return Err(NodeError::ProcessFailed {
                                 process,
                                 text: text_of(&report.text),
@@ -201,7 +199,7 @@ impl Launcher {
     /// [`PortError`].
     pub fn start(&mut self) -> Result<(), PortError> {
         self.shared.start_ns.set(now_ns());
-        self.command(command::START, u32::MAX, (0, 0))
+        self.command(ControlCommand::Start, Control::EVERYBODY, (0, 0))
     }
 
     /// Starts one process, such as one that stands by, by its place in launch order.
@@ -209,16 +207,16 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn start_process(&mut self, index: u32) -> Result<(), PortError> {
-        self.command(command::START, index, (0, 0))
+        self.command(ControlCommand::Start, index, (0, 0))
     }
 
     /// Has a process speak from `border` on, and starts it if it is not running yet. It answers with
-    /// [`state::BORDER`](crate::state::BORDER) or [`state::TOO_LATE`](crate::state::TOO_LATE).
+    /// [`ProcessState::HandoverAgreed`] or [`ProcessState::TooLate`].
     ///
     /// # Errors
     /// [`PortError`].
     pub fn take_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
-        self.command(command::TAKE_OVER, index, border)
+        self.command(ControlCommand::TakeOver, index, border)
     }
 
     /// Has a process be silent from `border` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It answers as for
@@ -227,7 +225,7 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn hand_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
-        self.command(command::HAND_OVER, index, border)
+        self.command(ControlCommand::HandOver, index, border)
     }
 
     /// Asks everybody to end.
@@ -235,7 +233,7 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn stop(&mut self) -> Result<(), PortError> {
-        self.command(command::STOP, u32::MAX, (0, 0))
+        self.command(ControlCommand::Stop, Control::EVERYBODY, (0, 0))
     }
 
     /// Asks one process to end.
@@ -243,7 +241,7 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn stop_process(&mut self, index: u32) -> Result<(), PortError> {
-        self.command(command::STOP, index, (0, 0))
+        self.command(ControlCommand::Stop, index, (0, 0))
     }
 
     /// Asks everybody for a report: who does not answer hangs.
@@ -251,7 +249,7 @@ impl Launcher {
     /// # Errors
     /// [`PortError`].
     pub fn request_reports(&mut self) -> Result<(), PortError> {
-        self.command(command::REPORT, u32::MAX, (0, 0))
+        self.command(ControlCommand::Report, Control::EVERYBODY, (0, 0))
     }
 
     /// Has everybody connect to who joined, at once instead of when they next send or look up.
@@ -260,7 +258,7 @@ impl Launcher {
     /// [`PortError`].
     pub fn connect_all(&mut self) -> Result<(), PortError> {
         self.shared.connect();
-        self.command(command::CONNECT, u32::MAX, (0, 0))
+        self.command(ControlCommand::Connect, Control::EVERYBODY, (0, 0))
     }
 
     /// Tells a lockstep world how far the launcher has taken in what was sent, and which recorder it is to wait for, by its
@@ -279,19 +277,24 @@ impl Launcher {
             cause_ns: 0,
         };
         self.progress.send_with(stamp, |progress| {
-            progress.process = u32::MAX;
-            progress.recorder = recorder.unwrap_or(u32::MAX);
+            progress.process = Progress::LAUNCHER;
+            progress.recorder = recorder.unwrap_or(Progress::NO_RECORDER);
         })
     }
 
-    fn command(&self, command: u32, process: u32, position: Position) -> Result<(), PortError> {
+    fn command(
+        &self,
+        command: ControlCommand,
+        process: u32,
+        position: Position,
+    ) -> Result<(), PortError> {
         let stamp = Stamp {
             episode: position.0,
             step: position.1,
             cause_ns: 0,
         };
         self.control.send_with(stamp, |control| {
-            control.command = command;
+            control.command = command.wire();
             control.process = process;
         })
     }

@@ -50,7 +50,6 @@ pub use launcher::{Launcher, LauncherWake, process_descriptor, text_of};
 pub use node::{Node, Wake};
 pub use observer::{Observer, ObserverWake};
 pub use output::{Loan, Output, Stamp};
-pub use report::state;
 pub use role::{NEVER, Position};
 pub use room::{OPEN_FILES_NEEDED, open_files, shared_memory_free, shared_memory_needed};
 pub use service::{DEFAULT_BUFFER, HISTORY, RECORDER_BUFFER};

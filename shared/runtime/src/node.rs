@@ -7,13 +7,12 @@ use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
 use crate::input::{Advance, Input, InputOptions, Receive, Source};
 use crate::output::Output;
-use crate::report::state;
 use crate::role::Position;
 use crate::shared::Shared;
 use crate::signal;
 use crate::sleeper::{Sleeper, Woken};
 use crate::timing::StageTimer;
-use messages::{Control, Message, Report, topic};
+use messages::{Control, ControlCommand, Message, ProcessState, Report, topic};
 use std::os::fd::RawFd;
 use std::rc::Rc;
 
@@ -21,16 +20,6 @@ use std::rc::Rc;
 const WARM_UP_STEPS: u64 = 10;
 /// A process that stands by has caught up after as many steps in a row as the self-model's belief was trained over.
 const CATCH_UP_STEPS: u64 = 8;
-
-/// [`Control::command`].
-pub(crate) mod command {
-    pub const START: u32 = 1;
-    pub const STOP: u32 = 2;
-    pub const TAKE_OVER: u32 = 3;
-    pub const REPORT: u32 = 4;
-    pub const CONNECT: u32 = 5;
-    pub const HAND_OVER: u32 = 6;
-}
 
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,7 +155,7 @@ impl Node {
     /// [`NodeError::Port`], [`NodeError::System`].
     pub fn ready(&mut self) -> Result<Wake, NodeError> {
         self.shared.connect();
-        self.send_report(state::READY, "")?;
+        self.send_report(ProcessState::Ready, "")?;
         while !self.started {
             if self.wait(&mut [], None)? == Wake::Stop {
                 return Ok(Wake::Stop);
@@ -224,7 +213,7 @@ impl Node {
     /// # Errors
     /// [`NodeError::Port`].
     pub fn retire(&mut self) -> Result<(), NodeError> {
-        Ok(self.send_report(state::RETIRED, "")?)
+        Ok(self.send_report(ProcessState::Retired, "")?)
     }
 
     /// From where on the process speaks.
@@ -391,34 +380,35 @@ impl Node {
                 break;
             };
             let (command, process, run_id) =
-                (control.command, control.process, control.header.run_id);
+                (control.command(), control.process, control.header.run_id);
             let (step, sent_ns) = (control.header.step, control.header.sent_ns);
             if run_id != self.shared.run_id
-                || (process != u32::MAX && process != self.arguments.index)
+                || (process != Control::EVERYBODY && process != self.arguments.index)
             {
                 continue;
             }
             let border = (control.header.episode, step);
             match command {
-                command::START | command::TAKE_OVER => {
+                Ok(command @ (ControlCommand::Start | ControlCommand::TakeOver)) => {
                     // Who joins later does not miss what was sent before.
-                    if !self.started && process == u32::MAX {
+                    if !self.started && process == Control::EVERYBODY {
                         self.shared.start_ns.set(sent_ns);
                     }
                     self.started = true;
-                    if command == command::TAKE_OVER {
+                    if command == ControlCommand::TakeOver {
                         self.take_over(border)?;
                     }
                 }
-                command::STOP => self.stopped = true,
-                command::REPORT => self.send_report(state::RUNNING, "")?,
-                command::CONNECT => self.shared.connect(),
-                command::HAND_OVER => {
+                Ok(ControlCommand::Stop) => self.stopped = true,
+                Ok(ControlCommand::Report) => self.send_report(ProcessState::Running, "")?,
+                Ok(ControlCommand::Connect) => self.shared.connect(),
+                Ok(ControlCommand::HandOver) => {
                     let done = self.shared.role.hand_over(border);
                     self.shared.release();
                     self.answer_border(done, border)?;
                 }
-                _ => {}
+                // A later version's word, or another program's.
+                Err(_) => {}
             }
         }
         Ok(heard)
@@ -442,7 +432,10 @@ impl Node {
     }
 
     fn answer_border(&self, done: bool, border: Position) -> Result<(), NodeError> {
-        let state = if done { state::BORDER } else { state::TOO_LATE };
+        let state = match done {
+            true => ProcessState::HandoverAgreed,
+            false => ProcessState::TooLate,
+        };
         Ok(self.send_report_at(state, "", border)?)
     }
 
@@ -468,7 +461,7 @@ impl Node {
             self.catch_up -= 1;
             if self.catch_up == 0 && self.stands_by() {
                 // A report that cannot be sent is missed by the launcher, which then says so.
-                let _ = self.send_report(state::CAUGHT_UP, "");
+                let _ = self.send_report(ProcessState::CaughtUp, "");
             }
         }
     }

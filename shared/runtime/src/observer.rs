@@ -10,7 +10,7 @@ use crate::output::{Output, Stamp};
 use crate::poll::Poll;
 use crate::shared::Shared;
 use crate::signal;
-use messages::{Control, Message, topic};
+use messages::{Control, ControlCommand, Message, topic};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -126,8 +126,8 @@ impl Observer {
         }
         if let Some(control) = &self.control {
             control.send_with(Stamp::default(), |control| {
-                control.command = 4;
-                control.process = u32::MAX;
+                control.command = ControlCommand::Report.wire();
+                control.process = Control::EVERYBODY;
             })?;
         }
         Ok(())

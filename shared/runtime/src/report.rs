@@ -5,26 +5,7 @@ use crate::node::Node;
 use crate::output::Stamp;
 use crate::role::Position;
 use crate::timing::StageTimer;
-
-/// [`Report::state`](messages::Report::state).
-pub mod state {
-    /// All ports stand.
-    pub const READY: u32 = 1;
-    /// An answer to the launcher's question, or a line for people.
-    pub const RUNNING: u32 = 2;
-    /// The run ended well.
-    pub const FINISHED: u32 = 3;
-    /// The process cannot go on.
-    pub const FAILED: u32 = 4;
-    /// It stands by and knows enough to take over.
-    pub const CAUGHT_UP: u32 = 5;
-    /// It will take over, or hand over, at the border that it was given.
-    pub const BORDER: u32 = 6;
-    /// That border has passed already.
-    pub const TOO_LATE: u32 = 7;
-    /// It has come to the border from which on it is silent; only those say so that hand over between two episodes.
-    pub const RETIRED: u32 = 8;
-}
+use messages::ProcessState;
 
 impl Node {
     /// The histogram of compute times.
@@ -62,7 +43,7 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn finish(&mut self) -> Result<(), PortError> {
-        self.send_report(state::FINISHED, "")
+        self.send_report(ProcessState::Finished, "")
     }
 
     /// Tells the launcher why the process cannot go on, in at most 256 bytes.
@@ -70,7 +51,7 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn fail(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(state::FAILED, text)
+        self.send_report(ProcessState::Failed, text)
     }
 
     /// Sends a report with a line for people.
@@ -78,17 +59,17 @@ impl Node {
     /// # Errors
     /// [`PortError`].
     pub fn say(&mut self, text: &str) -> Result<(), PortError> {
-        self.send_report(state::RUNNING, text)
+        self.send_report(ProcessState::Running, text)
     }
 
-    pub(crate) fn send_report(&self, state: u32, text: &str) -> Result<(), PortError> {
+    pub(crate) fn send_report(&self, state: ProcessState, text: &str) -> Result<(), PortError> {
         self.send_report_at(state, text, self.shared.role.sent().unwrap_or_default())
     }
 
     /// A report about a position: the newest that was spoken of, or, in answer to one, a border.
     pub(crate) fn send_report_at(
         &self,
-        state: u32,
+        state: ProcessState,
         text: &str,
         (episode, step): Position,
     ) -> Result<(), PortError> {
@@ -108,7 +89,7 @@ impl Node {
             [report.allocations, report.transport_allocations] = self.allocations;
             report.digest = self.digest;
             report.pid = std::process::id();
-            report.state = state;
+            report.state = state.wire();
             report.index = self.arguments.index;
             for (port, counter) in report.ports.iter_mut().zip(counters.iter()) {
                 copy_text(&mut port.topic, counter.topic);

@@ -2,7 +2,7 @@
 
 mod support;
 
-use messages::{DriverAction, ImagineRequest, LidarFrame, Outcome, Report, topic};
+use messages::{DriverAction, ImagineRequest, LidarFrame, Outcome, ProcessState, Report, topic};
 use runtime::{
     HISTORY, Input, InputOptions, InstanceError, InstanceLock, Launcher, LauncherWake, Node,
     PortError, Receive, RunArguments, Stamp, Wake, instance, now_ns, text_of,
@@ -45,7 +45,11 @@ fn last_report(launcher: &mut Launcher, process: &str) -> Report {
         match launcher.wait(&[], Some(deadline)).expect("waiting works") {
             LauncherWake::Report => {
                 while let Some(report) = launcher.next_report().expect("receiving works") {
-                    if report.state >= 3 && text_of(&report.process) == process {
+                    if matches!(
+                        report.state(),
+                        Ok(ProcessState::Finished | ProcessState::Failed)
+                    ) && text_of(&report.process) == process
+                    {
                         return report;
                     }
                 }
@@ -70,7 +74,12 @@ fn a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing() {
     let children = [world, echo];
     start(&mut launcher, &["world", "echo"], &children);
     let report = last_report(&mut launcher, "world");
-    assert_eq!(report.state, 3, "{}", text_of(&report.text));
+    assert_eq!(
+        report.state(),
+        Ok(ProcessState::Finished),
+        "{}",
+        text_of(&report.text)
+    );
     assert_eq!(report.steps, roles::STEPS as u64);
     assert_eq!(report.allocations, 0, "the world's loop allocated");
     assert_eq!(report.transport_allocations, 0, "loaning allocated");
@@ -83,7 +92,12 @@ fn a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing() {
     assert!(report.compute_ns[0] > 0 && report.compute_ns[0] <= report.compute_ns[4]);
     launcher.stop().expect("stop is sent");
     let report = last_report(&mut launcher, "echo");
-    assert_eq!(report.state, 3, "{}", text_of(&report.text));
+    assert_eq!(
+        report.state(),
+        Ok(ProcessState::Finished),
+        "{}",
+        text_of(&report.text)
+    );
     assert_eq!(report.allocations, 0, "the echo's loop allocated");
     assert_eq!(
         (report.ports[0].received, report.ports[0].lost),
@@ -118,7 +132,10 @@ fn gaps_are_counted() {
         .expect("the talker is ready");
     node.connect();
     launcher.start().expect("start is sent");
-    assert_eq!(last_report(&mut launcher, "talker").state, 3);
+    assert_eq!(
+        last_report(&mut launcher, "talker").state(),
+        Ok(ProcessState::Finished)
+    );
     let mut received = Vec::new();
     while let Some(outcome) = slow.next().expect("receiving works") {
         received.push(outcome.reward as u64);
@@ -154,7 +171,12 @@ fn gaps_count_from_the_start_of_the_run() {
     let children = [gapper];
     start(&mut launcher, &["gapper"], &children);
     let report = last_report(&mut launcher, "gapper");
-    assert_eq!(report.state, 3, "{}", text_of(&report.text));
+    assert_eq!(
+        report.state(),
+        Ok(ProcessState::Finished),
+        "{}",
+        text_of(&report.text)
+    );
     // 20 sent before the first look (12 lost), 30 before the second (22 lost).
     assert_eq!((report.ports[0].received, report.ports[0].lost), (16, 34));
 }
@@ -171,7 +193,10 @@ fn sigterm_is_a_clean_end() {
     echo.signal(libc::SIGTERM);
     let status = echo.wait();
     assert!(status.success(), "{status}");
-    assert_eq!(last_report(&mut launcher, "echo").state, 3);
+    assert_eq!(
+        last_report(&mut launcher, "echo").state(),
+        Ok(ProcessState::Finished)
+    );
     let names: Vec<String> = nodes(&scratch, "term")
         .into_iter()
         .map(|node| node.process)
@@ -214,7 +239,10 @@ fn what_a_killed_process_leaves_is_cleaned_and_its_successor_works() {
         )
         .expect("both are ready");
     launcher.start().expect("start is sent");
-    assert_eq!(last_report(&mut launcher, "world").state, 3);
+    assert_eq!(
+        last_report(&mut launcher, "world").state(),
+        Ok(ProcessState::Finished)
+    );
     assert!(world.wait().success());
     launcher.stop().expect("stop is sent");
     assert!(echo.wait().success());
@@ -357,12 +385,22 @@ fn two_groups_of_questions_are_on_their_way_at_once() {
     let children = [human, planner];
     start(&mut launcher, &["human", "planner"], &children);
     let report = last_report(&mut launcher, "planner");
-    assert_eq!(report.state, 3, "{}", text_of(&report.text));
+    assert_eq!(
+        report.state(),
+        Ok(ProcessState::Finished),
+        "{}",
+        text_of(&report.text)
+    );
     assert_eq!(report.allocations, 0, "asking allocated");
     assert_eq!(report.ports[0].lost, 0);
     launcher.stop().expect("stop is sent");
     let report = last_report(&mut launcher, "human");
-    assert_eq!(report.state, 3, "{}", text_of(&report.text));
+    assert_eq!(
+        report.state(),
+        Ok(ProcessState::Finished),
+        "{}",
+        text_of(&report.text)
+    );
     assert_eq!(report.allocations, 0, "answering allocated");
     assert_eq!(report.ports[0].received, 2 * roles::STEPS as u64);
     assert!(

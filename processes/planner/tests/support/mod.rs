@@ -2,7 +2,8 @@
 #![allow(dead_code)] // every test program uses its own part
 
 use messages::{
-    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Report, RobotBelief, topic,
+    CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, ProcessState, Report,
+    RobotBelief, topic,
 };
 use models::self_model::Sizes;
 use models::{Implants, SelfHuman, SelfModel};
@@ -256,7 +257,7 @@ impl Set {
         }
         let mut reports = Vec::new();
         while let Some(report) = self.launcher.next_report().expect("reports arrive") {
-            if report.state == 3 {
+            if report.state() == Ok(ProcessState::Finished) {
                 reports.push(report);
             }
         }

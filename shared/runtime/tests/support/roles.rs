@@ -1,7 +1,7 @@
 //! What the child processes do.
 
 use super::{Child, arguments};
-use messages::{DriverAction, LidarFrame, Outcome, topic};
+use messages::{DriverAction, ImaginePhase, LidarFrame, Outcome, topic};
 use runtime::{
     InputOptions, InstanceLock, Launcher, Node, NodeError, Receive, RunArguments, Stamp, Wake,
     now_ns,
@@ -140,7 +140,7 @@ fn planner(node: &mut Node) -> Result<(), NodeError> {
         for group in 0..2 {
             client.ask(Stamp::sensed(0, step), |question| {
                 question.group = group;
-                question.phase = 1;
+                question.phase = ImaginePhase::Perceive.wire();
                 question.rows = 500;
                 for row in 0..500 {
                     question.visual[row] = (step as usize * 500 + row) as f32;
