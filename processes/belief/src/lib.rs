@@ -14,7 +14,7 @@ use domains::discrete::Scene;
 use messages::{DriverAction, RobotBelief, Sensed, topic};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
-use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -34,7 +34,7 @@ pub struct Options {
 /// # Errors
 /// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    join(arguments, |node| match &options.gridworld {
+    run_process(arguments, |node| match &options.gridworld {
         None => {
             let model = models::checkpoint::load_self_model(&options.model)?;
             follow(node, Tracker::new(model))
@@ -52,26 +52,12 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: SelfModel) -> Result<()> {
-    join(arguments, |node| follow(node, Tracker::new(model)))
-}
-
-fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = work(&mut node);
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+    run_process(arguments, |node| follow(node, Tracker::new(model)))
 }
 
 fn follow<F: Follow>(node: &mut Node, mut tracker: F) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep {
-        Receive::InOrder
-    } else {
-        Receive::Newest
-    };
+    let receive = Receive::in_clock(node.arguments().clock);
     let mut world = node.input::<F::Sensed>(F::Sensed::TOPIC, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF)?;

@@ -16,7 +16,9 @@ use gridworld::Player;
 use highway::Driver;
 use messages::{Display, DriverAction, Sensed, topic};
 use person::Person;
-use runtime::{ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{
+    ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns, run_process,
+};
 use serde::{Deserialize, Serialize};
 
 /// Options of the driver process.
@@ -46,20 +48,11 @@ pub enum Place {
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let mut node = Node::join(arguments)?;
     let seed = options.seed;
-    let result = match &options.place {
-        Place::Highway(seat) => {
-            Driver::new(seat, seed).and_then(|person| drive(&mut node, person, seat.step_ns() / 2))
-        }
-        Place::Gridworld(role) => Player::new(role, seed)
-            .and_then(|person| drive(&mut node, person, role.scene.step_ns() / 2)),
-    };
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+    run_process(arguments, |node| match &options.place {
+        Place::Highway(seat) => drive(node, Driver::new(seat, seed)?, seat.step_ns() / 2),
+        Place::Gridworld(role) => drive(node, Player::new(role, seed)?, role.scene.step_ns() / 2),
+    })
 }
 
 struct Ports<S: Sensed> {
@@ -72,14 +65,7 @@ struct Ports<S: Sensed> {
 fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let mut ports = Ports::<P::Sensed> {
-        sensed: node.input(
-            P::Sensed::TOPIC,
-            if lockstep {
-                Receive::InOrder
-            } else {
-                Receive::Newest
-            },
-        )?,
+        sensed: node.input(P::Sensed::TOPIC, Receive::in_clock(node.arguments().clock))?,
         display: node
             .input(topic::DISPLAY, Receive::InOrder)?
             .once_in(node.arguments().clock),

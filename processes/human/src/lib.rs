@@ -14,7 +14,7 @@ use models::discrete::human_file::HumanError;
 use models::discrete::{DiscreteModel, IdealHuman};
 use models::utterances::UtteranceTable;
 use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
-use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -102,7 +102,7 @@ impl Options {
 /// # Errors
 /// If a file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    join(arguments, |node| {
+    run_process(arguments, |node| {
         let (model, seed) = (options.load()?, options.seed);
         match &options.gridworld {
             None => attend(node, Person::new(model, UtteranceTable::shipped()?, seed)),
@@ -119,28 +119,14 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()> {
-    join(arguments, |node| {
+    run_process(arguments, |node| {
         attend(node, Person::new(model, UtteranceTable::shipped()?, 0))
     })
 }
 
-fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = work(&mut node);
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
-}
-
 fn attend<S: Senses>(node: &mut Node, mut person: Person<S>) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep {
-        Receive::InOrder
-    } else {
-        Receive::Newest
-    };
+    let receive = Receive::in_clock(node.arguments().clock);
     let mut displays = node
         .input::<Display>(topic::DISPLAY, receive)?
         .once_in(node.arguments().clock);

@@ -15,7 +15,7 @@ use messages::{
 use models::SelfModel;
 use models::discrete::DiscreteModel;
 use planning::{PeopleError, Settings};
-use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns};
+use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -92,7 +92,7 @@ impl Options {
 /// If the model's file or the settings cannot be used, or the run cannot be joined or is lost.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     options.check()?;
-    join(arguments, |node| match options.method {
+    run_process(arguments, |node| match options.method {
         Method::None => say_nothing(node),
         Method::Ce | Method::Kl => {
             let path = options
@@ -117,29 +117,14 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
     options.check()?;
-    join(arguments, |node| {
+    run_process(arguments, |node| {
         decide(node, options, Desk::highway(options, model.clone()))
     })
 }
 
-fn join(arguments: &RunArguments, work: impl FnOnce(&mut Node) -> Result<()>) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = work(&mut node);
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
-}
-
 /// Sends empty decisions.
 fn say_nothing(node: &mut Node) -> Result<()> {
-    let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep {
-        Receive::InOrder
-    } else {
-        Receive::Newest
-    };
+    let receive = Receive::in_clock(node.arguments().clock);
     let mut robot = node
         .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
         .once_in(node.arguments().clock);
@@ -166,11 +151,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
 /// Sends planned decisions.
 fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let receive = if lockstep {
-        Receive::InOrder
-    } else {
-        Receive::Newest
-    };
+    let receive = Receive::in_clock(node.arguments().clock);
     let mut robot = node
         .input::<RobotBelief>(topic::ROBOT_BELIEF, receive)?
         .once_in(node.arguments().clock);

@@ -31,7 +31,7 @@ use progress::Teller;
 use queue::{BLOCKS, Queue, WhenFull};
 use recording::{About, Lost, Recording};
 use result::RecorderResult;
-use runtime::{ClockMode, Digest, Node, RECORDER_BUFFER, RunArguments, Wake, now_ns};
+use runtime::{ClockMode, Digest, Node, RECORDER_BUFFER, RunArguments, Wake, now_ns, run_process};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -68,17 +68,11 @@ pub struct Options {
 /// # Errors
 /// When the file cannot be created, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = Recorder::new(&node, options).and_then(|mut recorder| {
-        recorder.record(&mut node)?;
-        recorder.finish(&mut node, options)
-    });
-    let told = match &result {
-        Ok(()) => node.finish(),
-        Err(error) => node.fail(&format!("{error:#}")),
-    };
-    // Why the process failed matters more than that the launcher could not be told.
-    result.and(told.map_err(Into::into))
+    run_process(arguments, |node| {
+        let mut recorder = Recorder::new(node, options)?;
+        recorder.record(node)?;
+        recorder.finish(node, options)
+    })
 }
 
 struct Recorder {

@@ -16,7 +16,9 @@ pub use render::{Render, Tell};
 use anyhow::Result;
 use assistance::Assistance;
 use messages::{CommAction, Display, Outcome, Picture, Sensed, topic};
-use runtime::{ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake};
+use runtime::{
+    ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake, run_process,
+};
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use unhurried::Unhurried;
@@ -26,30 +28,20 @@ use unhurried::Unhurried;
 /// # Errors
 /// When the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = match &options.gridworld {
+    run_process(arguments, |node| match &options.gridworld {
         None => {
             let events = |colours| Events::new(Unhurried::new(io::stdout()), colours, options);
-            let renderer = Renderer::new(options);
-            render(&mut node, options, renderer, events)
+            render(node, options, Renderer::new(options), events)
         }
-        Some(scene) => models::words::layout_of(scene)
-            .and_then(|layout| Ok((layout, models::words::shipped(scene.domain())?)))
-            .map_err(Into::into)
-            .and_then(|(layout, words)| {
-                let told = Arc::clone(&layout);
-                let events =
-                    |colours| GridEvents::new(Unhurried::new(io::stdout()), colours, options, told);
-                let renderer = GridRenderer::new(layout, words);
-                render(&mut node, options, renderer, events)
-            }),
-    };
-    let told = match &result {
-        Ok(()) => node.finish(),
-        Err(error) => node.fail(&format!("{error:#}")),
-    };
-    // Why the process failed matters more than that the launcher could not be told.
-    result.and(told.map_err(Into::into))
+        Some(scene) => {
+            let layout = models::words::layout_of(scene)?;
+            let words = models::words::shipped(scene.domain())?;
+            let told = Arc::clone(&layout);
+            let events =
+                |colours| GridEvents::new(Unhurried::new(io::stdout()), colours, options, told);
+            render(node, options, GridRenderer::new(layout, words), events)
+        }
+    })
 }
 
 /// Renders until the run ends. `events`: what tells the terminal, with colours or without.
@@ -84,10 +76,7 @@ struct Process<R: Render, T> {
 
 impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
     fn new(node: &Node, renderer: R, events: Option<T>) -> Result<Self> {
-        let receive = match node.arguments().clock {
-            ClockMode::Lockstep => Receive::InOrder,
-            ClockMode::RealTime => Receive::Newest,
-        };
+        let receive = Receive::in_clock(node.arguments().clock);
         let asleep = InputOptions {
             wakes: false,
             ..InputOptions::new(Receive::Newest)

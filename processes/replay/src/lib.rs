@@ -20,7 +20,7 @@ use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Observation, Outcome,
     RobotBelief, topic,
 };
-use runtime::{Input, Node, Output, Receive, RunArguments, Stamp, Wake};
+use runtime::{Input, Node, Output, Receive, RunArguments, Stamp, Wake, run_process};
 use serde::{Deserialize, Serialize};
 use std::ops::Bound::{Excluded, Included};
 use std::path::PathBuf;
@@ -40,13 +40,7 @@ pub struct Options {
 /// # Errors
 /// When the recording cannot be replayed, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = replay(&mut node, options);
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+    run_process(arguments, |node| replay(node, options))
 }
 
 struct Ports {

@@ -19,7 +19,7 @@ use anyhow::Result;
 use gridworld::Gridworld;
 use highway::Highway;
 use ports::Ports;
-use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns};
+use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns, run_process};
 use truth::Truth;
 
 /// Joins the run and drives its episodes to the end.
@@ -27,21 +27,16 @@ use truth::Truth;
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    let mut node = Node::join(arguments)?;
-    let result = match &options.place {
-        Place::Highway(road) => road
-            .world()
-            .and_then(|world| Highway::new(&node, world))
-            .and_then(|world| drive(&mut node, options, world)),
-        Place::Gridworld(scene) => {
-            Gridworld::new(&node, scene).and_then(|world| drive(&mut node, options, world))
+    run_process(arguments, |node| match &options.place {
+        Place::Highway(road) => {
+            let world = Highway::new(node, road.world()?)?;
+            drive(node, options, world)
         }
-    };
-    match &result {
-        Ok(()) => node.finish()?,
-        Err(error) => node.fail(&format!("{error:#}"))?,
-    }
-    result
+        Place::Gridworld(scene) => {
+            let world = Gridworld::new(node, scene)?;
+            drive(node, options, world)
+        }
+    })
 }
 
 fn drive<T: Truth>(node: &mut Node, options: &Options, mut world: T) -> Result<()> {

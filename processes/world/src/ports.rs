@@ -4,9 +4,7 @@ use crate::listeners::Listeners;
 use crate::truth::Truth;
 use anyhow::Result;
 use messages::{CommAction, DriverAction, HumanBelief, Outcome, Sensed, topic};
-use runtime::{
-    ClockMode, Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns,
-};
+use runtime::{Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns};
 
 /// How often the world looks for messages that do not wake it.
 const LOOK_NS: u64 = 200_000;
@@ -32,10 +30,7 @@ pub struct Ports<S: Sensed> {
 impl<S: Sensed> Ports<S> {
     /// Makes them.
     pub fn new(node: &Node) -> Result<Self> {
-        let receive = match node.arguments().clock {
-            ClockMode::Lockstep => Receive::InOrder,
-            ClockMode::RealTime => Receive::Newest,
-        };
+        let receive = Receive::in_clock(node.arguments().clock);
         // Looked at once a step; without a bell, nobody has to ring it a thousand times a second.
         let asleep = InputOptions {
             wakes: false,

@@ -23,6 +23,16 @@ pub enum Receive {
     InOrder,
 }
 
+impl Receive {
+    /// What a process needs of a topic that it follows: in lockstep every step's message, in real time the newest.
+    pub fn in_clock(clock: ClockMode) -> Self {
+        match clock {
+            ClockMode::Lockstep => Self::InOrder,
+            ClockMode::RealTime => Self::Newest,
+        }
+    }
+}
+
 /// How an input receives.
 #[derive(Clone, Copy, Debug)]
 pub struct InputOptions {

@@ -1,7 +1,7 @@
 //! What every MIRROR process is built on: its node, its ports, waiting, clocks, stage timing and a clean end.
 //!
-//! A process is one loop over a [`Node`]: make the ports, say [`Node::ready`], then wait, compute and send until
-//! [`Wake::Stop`]. The launcher's side is [`Launcher`]. Runs are kept apart by [`RunArguments`]: every instance has its
+//! A process is one loop over a [`Node`], inside [`run_process`]: make the ports, say [`Node::ready`], then wait, compute
+//! and send until [`Wake::Stop`]. The launcher's side is [`Launcher`]. Runs are kept apart by [`RunArguments`]: every instance has its
 //! own directory below the root and its own prefix for shared memory (see [`instance`]).
 //!
 //! What allocates, measured with [`CountingAllocator`] and read in iceoryx2 0.10's source: making nodes, services and
@@ -27,6 +27,7 @@ mod orphans;
 mod output;
 mod poll;
 mod private;
+mod process;
 mod report;
 mod role;
 mod room;
@@ -50,6 +51,7 @@ pub use launcher::{Launcher, LauncherWake, process_descriptor, text_of};
 pub use node::{Node, Wake};
 pub use observer::{Observer, ObserverWake};
 pub use output::{Loan, Output, Stamp};
+pub use process::run_process;
 pub use role::{NEVER, Position};
 pub use room::{OPEN_FILES_NEEDED, open_files, shared_memory_free, shared_memory_needed};
 pub use service::{DEFAULT_BUFFER, HISTORY, RECORDER_BUFFER};
