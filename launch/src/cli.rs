@@ -5,6 +5,7 @@ mod evaluate;
 pub use evaluate::*;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use planner::PlannerMethod;
 use std::path::PathBuf;
 
 /// The way from a user's own rounds to their own human model.
@@ -88,8 +89,8 @@ pub struct UpArguments {
     #[arg(long, value_name = "KIND", default_value = "mirror")]
     pub human: String,
     /// How to decide what to communicate
-    #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerKind::Ce)]
-    pub planner: PlannerKind,
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Ce)]
+    pub planner: PlannerMethod,
     /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or `recorded:ID`
     /// (the person in that car of a CommonRoad scenario)
     #[arg(
@@ -160,7 +161,7 @@ pub struct ReplayArguments {
     pub human: Option<String>,
     /// Decide in this way instead of the recorded one
     #[arg(long, value_name = "KIND", value_enum)]
-    pub planner: Option<PlannerKind>,
+    pub planner: Option<PlannerMethod>,
     /// What the human model learned of the person [default: what the recording carries; for another human model, learned
     /// at the start from the recorded simulated person]
     #[arg(long, value_name = "FILE.safetensors")]
@@ -211,28 +212,6 @@ pub struct ProfileArguments {
     /// What to start.
     #[command(flatten, next_help_heading = "The set to start")]
     pub scene: UpArguments,
-}
-
-/// How to decide what to communicate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PlannerKind {
-    /// Imagine many futures and keep what helps most (cross-entropy method)
-    Ce,
-    /// Bring the person's belief as near to the robot's as it will go, with no regard to reward (MIRROR-KL)
-    Kl,
-    /// Never communicate
-    None,
-}
-
-impl PlannerKind {
-    /// Its name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ce => "ce",
-            Self::Kl => "kl",
-            Self::None => "none",
-        }
-    }
 }
 
 /// How time passes.

@@ -1,12 +1,12 @@
 //! What users name on the command line (people, models, files), resolved and checked before anything starts; scenes, and what
 //! depends on them, stand in [`crate::place`].
 
-use crate::cli::PlannerKind;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::ValueEnum;
 use domains::highway::Person;
 use driver::Driving;
 use models::{Kind, SelfModel};
+use planner::PlannerMethod;
 use std::path::{Path, PathBuf};
 
 /// Reads who drives on the highway: `sim:ID`, `sim:FILE` or `recorded:ID`.
@@ -52,7 +52,7 @@ pub fn human(option: &str, text: &str) -> Result<Kind> {
 /// Names both.
 pub fn agree(planner: &str, human: Kind) -> Result<()> {
     ensure!(
-        planner != PlannerKind::Kl.name() || human.is_self_model(),
+        planner != PlannerMethod::Kl.name() || human.is_self_model(),
         "--planner kl --human {}: belief matching needs a human model whose belief is of the robot's kind: mirror, mirror-p or self",
         human.name()
     );
@@ -63,9 +63,9 @@ pub fn agree(planner: &str, human: Kind) -> Result<()> {
 ///
 /// # Errors
 /// Lists the ways that there are.
-pub fn planner(text: &str) -> Result<PlannerKind> {
-    PlannerKind::from_str(text, false).map_err(|_| {
-        let kinds: Vec<_> = PlannerKind::value_variants()
+pub fn planner(text: &str) -> Result<PlannerMethod> {
+    PlannerMethod::from_str(text, false).map_err(|_| {
+        let kinds: Vec<_> = PlannerMethod::value_variants()
             .iter()
             .map(|kind| kind.name())
             .collect();

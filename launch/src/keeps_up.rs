@@ -8,11 +8,11 @@ use anyhow::{Context, Result, bail};
 use models::imagined::ImaginedGroups;
 use models::{Beliefs, Communicated, HumanModel, Implants, Observations, SelfHuman, SelfModel};
 use nn::Tensor;
-use place::RobotModel;
 use planning::planner::{From, GROUPS, Planner};
 use planning::{ImaginedPeople, PeopleError, Settings};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use scenario::Scenario;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
@@ -92,7 +92,7 @@ impl Pace {
 fn measure() -> Result<Pace> {
     let (scene, _) = place::scene(SCENE, None, "sim:1")?;
     let settings = place::settings(&scene)?;
-    let (_, RobotModel::Highway(model)) = place::self_model(None, &scene.place)? else {
+    let (_, Scenario::Highway(model)) = place::self_model(None, &scene.scenario)? else {
         bail!("{SCENE} is a scene of the highway");
     };
     let latent = model.sizes.latent;

@@ -2,11 +2,12 @@
 
 use crate::gridworld;
 use crate::learn;
-use crate::place::{Place, RobotModel, Who};
+use crate::place::{RobotModel, RunScenario, Who};
 use anyhow::{Context, Result, bail, ensure};
 use driver::{Acting, Driving};
 use models::Kind;
 use models::discrete::human_file::load_human;
+use scenario::Scenario;
 use std::path::{Path, PathBuf};
 
 /// Where what a human model learned of the person comes from: implants, or the policy of `bc` and `sqil`.
@@ -31,7 +32,7 @@ pub fn implants(
     model: &RobotModel,
 ) -> Result<ImplantSource> {
     ensure!(
-        human != Kind::Ideal || matches!(model, RobotModel::Gridworld(_)),
+        human != Kind::Ideal || matches!(model, Scenario::Gridworld(_)),
         "--human ideal: the simulated person's own model is for the gridworlds; of a driver on the highway there is none"
     );
     if !human.learns() {
@@ -40,7 +41,7 @@ pub fn implants(
         return Ok(ImplantSource::None);
     }
     let Some(path) = given else {
-        if let Who::Driving(Driving::Recorded(car)) = who {
+        if let Scenario::Highway(Driving::Recorded(car)) = who {
             bail!(
                 "--human {} needs --implants for recorded driver {car}; or use --human self",
                 human.name()
@@ -50,8 +51,8 @@ pub fn implants(
     };
     let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
     let model = match model {
-        RobotModel::Highway(model) => model,
-        RobotModel::Gridworld(model) => {
+        Scenario::Highway(model) => model,
+        Scenario::Gridworld(model) => {
             load_human(Some(&path), human, model)?;
             return Ok(ImplantSource::File(path));
         }
@@ -77,19 +78,23 @@ pub fn implants(
 /// # Errors
 /// When that is not possible.
 pub fn learn_at_start(
-    place: &Place,
+    scenario: &RunScenario,
     who: &Who,
     kind: Kind,
     model: &RobotModel,
     path: &Path,
 ) -> Result<()> {
-    match (place, who, model) {
+    match (scenario, who, model) {
         (
-            Place::Highway(scene, _),
-            Who::Driving(Driving::Simulated(person)),
-            RobotModel::Highway(model),
-        ) => learn::at_start(scene, person, kind, model, path),
-        (Place::Gridworld(scene, _), Who::Acting(acting), RobotModel::Gridworld(model)) => {
+            Scenario::Highway(road),
+            Scenario::Highway(Driving::Simulated(person)),
+            Scenario::Highway(model),
+        ) => learn::at_start(&road.scene, person, kind, model, path),
+        (
+            Scenario::Gridworld((scene, _)),
+            Scenario::Gridworld(acting),
+            Scenario::Gridworld(model),
+        ) => {
             let person = match acting {
                 Acting::Shipped(id) => id.to_string(),
                 Acting::File(file) => file.display().to_string(),

@@ -4,7 +4,7 @@
 use crate::gridworld;
 use crate::inputs;
 use anyhow::{Context, Result, bail, ensure};
-use domains::commonroad::Scenario;
+use domains::commonroad;
 use domains::discrete::{self, Layout};
 use domains::highway::Scene;
 use domains::highway::speech::SECTOR_NAMES;
@@ -12,39 +12,25 @@ use driver::{Acting, Driving};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
 use planning::Settings;
+use scenario::Scenario;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use world::HighwayRoad;
 
 /// A scene, and where it came from.
 #[derive(Clone, Debug)]
 pub struct NamedScene {
     /// Where.
-    pub place: Place,
+    pub scenario: RunScenario,
     /// Its name, for people.
     pub name: String,
 }
 
-/// A scene of some domain.
-#[derive(Clone, Debug)]
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-pub enum Place {
-    /// The highway, with the fog that was asked for, and the CommonRoad file, if it is one.
-    Highway(Scene, Option<PathBuf>),
-    /// Driving, search and rescue, or bomb defusal; and what its numbers mean.
-    Gridworld(discrete::Scene, Arc<Layout>),
-}
+/// A scene of some domain: the highway's, with the fog that was asked for; or a gridworld's, and what its numbers mean.
+pub type RunScenario = Scenario<HighwayRoad, (discrete::Scene, Arc<Layout>)>;
 
 /// Who acts.
-#[derive(Clone, Debug, PartialEq)]
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-pub enum Who {
-    /// On the highway.
-    Driving(Driving),
-    /// In a gridworld.
-    Acting(Acting),
-}
+pub type Who = Scenario<Driving, Acting>;
 
 /// Who acts, with a name for people.
 #[derive(Clone, Debug)]
@@ -56,13 +42,7 @@ pub struct NamedPerson {
 }
 
 /// The robot's self-model.
-#[derive(Clone)]
-pub enum RobotModel {
-    /// Of the highway.
-    Highway(Arc<SelfModel>),
-    /// Of a gridworld.
-    Gridworld(Arc<DiscreteModel>),
-}
+pub type RobotModel = Scenario<Arc<SelfModel>, Arc<DiscreteModel>>;
 
 /// What the items that can be communicated are called.
 #[derive(Clone, Copy, Debug)]
@@ -96,41 +76,46 @@ impl ItemNames {
 impl NamedScene {
     /// The gridworld's scene, if it is one.
     pub fn gridworld(&self) -> Option<&discrete::Scene> {
-        match &self.place {
-            Place::Highway(..) => None,
-            Place::Gridworld(scene, _) => Some(scene),
+        match &self.scenario {
+            Scenario::Highway(_) => None,
+            Scenario::Gridworld((scene, _)) => Some(scene),
         }
     }
 
     /// Simulated seconds of a step.
     pub fn step_s(&self) -> f64 {
-        match &self.place {
-            Place::Highway(scene, _) => scene.step_s(),
-            Place::Gridworld(..) => discrete::STEP_S,
+        match &self.scenario {
+            Scenario::Highway(road) => road.scene.step_s(),
+            Scenario::Gridworld(_) => discrete::STEP_S,
         }
     }
 
     /// Nanoseconds of a step in real time.
     pub fn step_ns(&self) -> u64 {
-        match &self.place {
-            Place::Highway(scene, _) => (1e9 * scene.step_s() / scene.clock.rate) as u64,
-            Place::Gridworld(scene, _) => scene.step_ns(),
+        match &self.scenario {
+            Scenario::Highway(HighwayRoad { scene, .. }) => {
+                (1e9 * scene.step_s() / scene.clock.rate) as u64
+            }
+            Scenario::Gridworld((scene, _)) => scene.step_ns(),
         }
     }
 
     /// What the reader of a recorded scene passed over, in words.
     pub fn notes(&self) -> &[String] {
-        match &self.place {
-            Place::Highway(scene, _) => scene.course.as_ref().map_or(&[], |course| &course.notes),
-            Place::Gridworld(..) => &[],
+        match &self.scenario {
+            Scenario::Highway(road) => {
+                let course = road.scene.course.as_ref();
+                course.map_or(&[], |course| &course.notes)
+            }
+            Scenario::Gridworld(_) => &[],
         }
     }
 
     /// What can be communicated.
     pub fn items(&self) -> ItemNames {
-        match &self.place {
-            Place::Highway(..) => ItemNames::SECTORS,
-            Place::Gridworld(_, layout) => ItemNames::of(layout),
+        match &self.scenario {
+            Scenario::Highway(_) => ItemNames::SECTORS,
+            Scenario::Gridworld((_, layout)) => ItemNames::of(layout),
         }
     }
 }
@@ -153,7 +138,7 @@ pub fn scene(text: &str, fog_m: Option<f64>, person: &str) -> Result<(NamedScene
             let layout = models::words::layout_of(&scene)?;
             NamedScene {
                 name: scene.name().to_owned(),
-                place: Place::Gridworld(scene, layout),
+                scenario: Scenario::Gridworld((scene, layout)),
             }
         }
     };
@@ -194,20 +179,20 @@ pub fn gridworld_scene(text: &str) -> Result<Option<discrete::Scene>> {
 /// # Errors
 /// Names the option, or the file and the place in it.
 pub fn who(text: &str, scene: &NamedScene) -> Result<NamedPerson> {
-    let who = match &scene.place {
-        Place::Highway(..) => Who::Driving(inputs::driver(text)?),
-        Place::Gridworld(scene, _) => {
+    let who = match &scene.scenario {
+        Scenario::Highway(_) => Scenario::Highway(inputs::driver(text)?),
+        Scenario::Gridworld((scene, _)) => {
             let Some(("sim", person)) = text.split_once(':') else {
                 bail!("--driver {text}: expected sim:ID or sim:FILE.toml in a gridworld");
             };
             let acting = acting(person).with_context(|| format!("--driver {text}"))?;
-            let role = driver::Role {
+            let seat = driver::GridworldSeat {
                 scene: scene.clone(),
                 person: acting,
             };
-            role.simulated()
+            seat.simulated()
                 .with_context(|| format!("--driver {text}"))?;
-            Who::Acting(role.person)
+            Scenario::Gridworld(seat.person)
         }
     };
     Ok(NamedPerson {
@@ -241,11 +226,11 @@ fn highway_scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<Na
         .and_then(|extension| extension.to_str())
         .unwrap_or_default();
     if extension.eq_ignore_ascii_case("xml") {
-        let scene = Scenario::read(path)?.scene(fog_m, seat)?;
+        let scene = commonroad::Scenario::read(path)?.scene(fog_m, seat)?;
         scene.check(path)?;
         return Ok(NamedScene {
             name: scene.name.clone(),
-            place: Place::Highway(scene, Some(path.to_owned())),
+            scenario: highway(scene, Some(path.to_owned())),
         });
     }
     if let Some(car) = seat {
@@ -262,7 +247,15 @@ fn highway_scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<Na
     }
     Ok(NamedScene {
         name: scene.name.clone(),
-        place: Place::Highway(scene, None),
+        scenario: highway(scene, None),
+    })
+}
+
+fn highway(scene: Scene, recording: Option<PathBuf>) -> RunScenario {
+    Scenario::Highway(HighwayRoad {
+        seat: scene.seat,
+        scene,
+        recording,
     })
 }
 
@@ -271,9 +264,9 @@ fn highway_scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<Na
 /// # Errors
 /// Names the scene's key that the planner cannot use.
 pub fn settings(scene: &NamedScene) -> Result<Settings> {
-    let settings = match &scene.place {
-        Place::Highway(highway, _) => highway_settings(highway, &scene.name)?,
-        Place::Gridworld(scene, _) => planning::discrete::settings_of(scene.planning()),
+    let settings = match &scene.scenario {
+        Scenario::Highway(road) => highway_settings(&road.scene, &scene.name)?,
+        Scenario::Gridworld((scene, _)) => planning::discrete::settings_of(scene.planning()),
     };
     match settings.problem() {
         Some(problem) => bail!("{}: [planning]: {problem}", scene.name),
@@ -312,15 +305,15 @@ fn highway_settings(scene: &Scene, name: &str) -> Result<Settings> {
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn self_model(given: Option<&Path>, place: &Place) -> Result<(PathBuf, RobotModel)> {
-    match place {
-        Place::Highway(..) => {
+pub fn self_model(given: Option<&Path>, scenario: &RunScenario) -> Result<(PathBuf, RobotModel)> {
+    match scenario {
+        Scenario::Highway(_) => {
             let (path, model) = inputs::self_model(given)?;
-            Ok((path, RobotModel::Highway(Arc::new(model))))
+            Ok((path, Scenario::Highway(Arc::new(model))))
         }
-        Place::Gridworld(scene, _) => {
+        Scenario::Gridworld((scene, _)) => {
             let (path, model) = gridworld::inputs::self_model(scene.domain(), given)?;
-            Ok((path, RobotModel::Gridworld(model)))
+            Ok((path, Scenario::Gridworld(model)))
         }
     }
 }

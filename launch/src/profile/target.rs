@@ -1,6 +1,6 @@
 //! Which set is watched: one that runs already, or one that `mirror up` is started for.
 
-use crate::cli::{Clock, PlannerKind, UpArguments};
+use crate::cli::{Clock, UpArguments};
 use crate::failure::Failure;
 use crate::own;
 use crate::up::door::{self, Question};
@@ -139,7 +139,7 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         Clock::Lockstep => "lockstep",
         Clock::Realtime => "realtime",
     };
-    let planner: &PlannerKind = planner;
+    let planner: &planner::PlannerMethod = planner;
     let mut options = vec![
         format!("--scene={scene}"),
         format!("--human={human}"),

@@ -32,8 +32,8 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     let name = arguments.instance.clone();
     let name = name.unwrap_or_else(|| format!("replay-{}", std::process::id()));
     let lock = InstanceLock::take(&name).map_err(Failure::refused)?;
-    let is_gridworld = resolved.belief.gridworld.is_some();
-    let plans = resolved.planner.method != planner::Method::None;
+    let is_gridworld = resolved.belief.scenario.gridworld().is_some();
+    let plans = resolved.planner.method != planner::PlannerMethod::None;
     doctor::make_room(is_gridworld, plans).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, ClockMode::Lockstep)?;

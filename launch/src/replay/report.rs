@@ -1,6 +1,6 @@
 //! What a replay found: a table for people, and all of it as JSON.
 
-use super::resolve::{Resolved, method_name};
+use super::resolve::Resolved;
 use crate::place::ItemNames;
 use anyhow::{Context, Result};
 use messages::DecisionReason;
@@ -158,7 +158,7 @@ impl Report {
             },
             now: Models {
                 human: resolved.human.kind.name().to_owned(),
-                planner: method_name(resolved.planner.method).to_owned(),
+                planner: resolved.planner.method.name().to_owned(),
                 self_model: resolved.self_model.clone(),
             },
             differences: resolved.differences.clone(),

@@ -1,15 +1,16 @@
 //! Which models a replay asks: the recorded ones, or those that the command line names in their place.
 
 use super::setup::{IMPLANTS, PERSON, SELF_MODEL};
-use crate::cli::{PlannerKind, ReplayArguments};
+use crate::cli::ReplayArguments;
 use crate::gridworld::inputs::shipped_self_model;
 use crate::inputs;
-use crate::place::{self, ItemNames, Place, Who};
+use crate::place::{self, ItemNames};
 use anyhow::{Context, Result, anyhow, bail};
 use driver::{Acting, Driving};
 use models::Kind;
 use recorder::setup::{ModelFile, Setup, digest};
 use replay::Drive;
+use scenario::Scenario;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
@@ -63,7 +64,7 @@ impl Resolved {
         let recorded_method = planner.method;
         let then = (
             human.kind.name().to_owned(),
-            method_name(planner.method).to_owned(),
+            planner.method.name().to_owned(),
         );
         let mut differences = Vec::new();
         let mut warnings = Vec::new();
@@ -72,21 +73,16 @@ impl Resolved {
             Some(text) => inputs::human("--human", text)?,
             None => human.kind,
         };
-        let shipped = match &belief.gridworld {
-            None => models::shipped::path(models::shipped::HIGHWAY),
-            Some(scene) => shipped_self_model(scene.domain()),
+        let shipped = match &belief.scenario {
+            Scenario::Highway(()) => models::shipped::path(models::shipped::HIGHWAY),
+            Scenario::Gridworld(scene) => shipped_self_model(scene.domain()),
         };
         let (model, self_model) =
             self_model(arguments, &setup, &shipped, &mut differences, &mut warnings)?;
         belief.model.clone_from(&model);
         human.model.clone_from(&model);
         planner.model = Some(model);
-        match arguments.planner {
-            Some(PlannerKind::Ce) => planner.method = planner::Method::Ce,
-            Some(PlannerKind::Kl) => planner.method = planner::Method::Kl,
-            Some(PlannerKind::None) => planner.method = planner::Method::None,
-            None => {}
-        }
+        planner.method = arguments.planner.unwrap_or(planner.method);
         if kind != human.kind {
             differences.push(format!(
                 "human model {} instead of {}",
@@ -97,7 +93,7 @@ impl Resolved {
         if planner.method != recorded_method {
             differences.push(format!(
                 "planner {} instead of {}",
-                method_name(planner.method),
+                planner.method.name(),
                 then.1
             ));
         }
@@ -129,7 +125,7 @@ impl Resolved {
         };
         human.kind = kind;
         if arguments.human.is_some() || arguments.planner.is_some() {
-            inputs::agree(method_name(planner.method), kind)?;
+            inputs::agree(planner.method.name(), kind)?;
         }
         for process in ["belief", "human", "planner"] {
             let is_replaced = match process {
@@ -230,60 +226,50 @@ impl Resolved {
         let kind = self.human.kind;
         let world: world::Options = options(&self.setup, "world", recording)?;
         let driver: driver::Options = options(&self.setup, "driver", recording)?;
-        let place = match world.place {
-            world::Place::Highway(road) => {
-                let mut scene = road.scene;
+        let scenario = match world.scenario {
+            Scenario::Highway(mut road) => {
                 if let Some(file) = &road.recording {
-                    let scenario = domains::commonroad::Scenario::read(file)?;
-                    scene.course = Some(std::sync::Arc::new(scenario.course(road.seat)?));
+                    let recorded = domains::commonroad::Scenario::read(file)?;
+                    road.scene.course = Some(std::sync::Arc::new(recorded.course(road.seat)?));
                 }
-                Place::Highway(scene, road.recording)
+                Scenario::Highway(road)
             }
-            world::Place::Gridworld(scene) => {
+            Scenario::Gridworld(scene) => {
                 let layout = models::words::layout_of(&scene)?;
-                Place::Gridworld(scene, layout)
+                Scenario::Gridworld((scene, layout))
             }
         };
-        let who = match driver.place {
-            driver::Place::Highway(seat) => Who::Driving(seat.person),
-            driver::Place::Gridworld(role) => {
-                Who::Acting(self.person.clone().unwrap_or(role.person))
+        let who = match driver.scenario {
+            Scenario::Highway(seat) => Scenario::Highway(seat.person),
+            Scenario::Gridworld(seat) => {
+                Scenario::Gridworld(self.person.clone().unwrap_or(seat.person))
             }
         };
-        if let Who::Driving(Driving::Recorded(_)) = who {
+        if let Scenario::Highway(Driving::Recorded(_)) = who {
             bail!(
                 "--human {} needs --implants for a recorded driver",
                 kind.name()
             );
         }
-        let (_, model) = place::self_model(Some(&self.human.model), &place)?;
-        crate::learned::learn_at_start(&place, &who, kind, &model, path)
+        let (_, model) = place::self_model(Some(&self.human.model), &scenario)?;
+        crate::learned::learn_at_start(&scenario, &who, kind, &model, path)
     }
 
     /// What can be communicated.
     pub fn items(&self) -> Result<ItemNames> {
-        Ok(match &self.belief.gridworld {
-            None => ItemNames::SECTORS,
-            Some(scene) => ItemNames::of(&*models::words::layout_of(scene)?),
+        Ok(match &self.belief.scenario {
+            Scenario::Highway(()) => ItemNames::SECTORS,
+            Scenario::Gridworld(scene) => ItemNames::of(&*models::words::layout_of(scene)?),
         })
-    }
-}
-
-/// The planner's name on the command line.
-pub fn method_name(method: planner::Method) -> &'static str {
-    match method {
-        planner::Method::Ce => "ce",
-        planner::Method::Kl => "kl",
-        planner::Method::None => "none",
     }
 }
 
 /// The simulated person of a recording, whose own model `ideal` is.
 fn acting(setup: &Setup, recording: &Path) -> Result<Acting> {
     let driver: driver::Options = options(setup, "driver", recording)?;
-    match driver.place {
-        driver::Place::Gridworld(role) => Ok(role.person),
-        driver::Place::Highway(_) => bail!(
+    match driver.scenario {
+        Scenario::Gridworld(seat) => Ok(seat.person),
+        Scenario::Highway(_) => bail!(
             "--human ideal: the simulated person's own model is for the gridworlds; of a driver on the highway there is none"
         ),
     }

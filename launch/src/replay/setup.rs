@@ -1,13 +1,13 @@
 //! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
 
 use crate::inputs;
-use crate::place::Who;
 use crate::process::NAMES;
 use crate::up::plan::Plan;
 use anyhow::{Context, Result};
 use driver::Acting;
 use recorder::setup::{ModelFile, SCHEMA, Setup};
 use runtime::{ClockMode, RunArguments};
+use scenario::Scenario;
 use std::collections::BTreeMap;
 
 /// Name of the robot's self-model in [`Setup::files`]: known by its digest, because it is large and ships.
@@ -46,7 +46,7 @@ pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
     if let Some(path) = &human.implants {
         files.insert(IMPLANTS.to_owned(), identify(path)?);
     }
-    if let Who::Acting(Acting::File(path)) = &plan.driver.who {
+    if let Scenario::Gridworld(Acting::File(path)) = &plan.driver.who {
         files.insert(PERSON.to_owned(), identify(path)?);
     }
     let clock = match plan.clock {

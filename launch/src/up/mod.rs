@@ -17,7 +17,6 @@ mod supervise;
 mod swap;
 mod tally;
 
-use crate::cli::PlannerKind;
 use crate::cli::UpArguments;
 use crate::doctor;
 use crate::failure::Failure;
@@ -26,6 +25,7 @@ use crate::suspend::Suspension;
 use before::Before;
 use door::Door;
 use plan::Plan;
+use planner::PlannerMethod;
 use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
 use std::io::IsTerminal;
@@ -38,7 +38,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     doctor::check_open_files().map_err(Failure::refused)?;
     let lock = InstanceLock::take(&plan.instance).map_err(Failure::refused)?;
     let is_gridworld = plan.scene.gridworld().is_some();
-    let plans = plan.planner != PlannerKind::None;
+    let plans = plan.planner != PlannerMethod::None;
     doctor::make_room(is_gridworld, plans).map_err(Failure::refused)?;
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, plan.clock)?;

@@ -1,23 +1,27 @@
 //! What a run will do, resolved and checked before anything starts.
 
 use super::door::Replacement;
-use crate::cli::{Clock, PlannerKind, UpArguments};
+use crate::cli::{Clock, UpArguments};
 use crate::inputs;
 use crate::learned::{self, ImplantSource};
-use crate::place::{self, NamedPerson, NamedScene, Place, RobotModel, Who};
+use crate::place::{self, NamedPerson, NamedScene, RobotModel, Who};
 use crate::process::NAMES;
 use crate::screen;
 use anyhow::{Context, Result, bail, ensure};
 use domains::highway::Scene;
+use driver::{GridworldSeat, HighwaySeat};
 use models::Kind;
+use planner::PlannerMethod;
 use planning::Settings;
 use recorder::recording::About;
 use recorder::setup::Setup;
 use recorder::visual::RoadLine;
 use runtime::{ClockMode, RunArguments};
+use scenario::Scenario;
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use world::HighwayRoad;
 
 /// A run that can be started.
 #[derive(Clone)]
@@ -31,7 +35,7 @@ pub struct Plan {
     /// Whose own model `ideal` is: who drove when the human model was chosen.
     pub modelled: Who,
     /// How to decide.
-    pub planner: PlannerKind,
+    pub planner: PlannerMethod,
     /// Settings of the planner.
     pub settings: Settings,
     /// The robot's self-model: its file, and itself.
@@ -73,7 +77,7 @@ impl Plan {
         let (scene, driver) = place::scene(&arguments.scene, arguments.fog, &arguments.driver)?;
         let settings = place::settings(&scene)?;
         let human = inputs::human("--human", &arguments.human)?;
-        let self_model = place::self_model(arguments.self_model.as_deref(), &scene.place)?;
+        let self_model = place::self_model(arguments.self_model.as_deref(), &scene.scenario)?;
         let exec = replacements(&arguments.exec)?;
         let implants = match &arguments.implants {
             // Nobody would use what was learned.
@@ -132,7 +136,7 @@ impl Plan {
             .map(|n| run.directory().join(format!("learned.{n}.safetensors")))
             .find(|path| !path.exists())
             .context("a name for what is learned")?;
-        learned::learn_at_start(&self.scene.place, who, self.human, model, &path)?;
+        learned::learn_at_start(&self.scene.scenario, who, self.human, model, &path)?;
         self.implants = ImplantSource::File(path);
         Ok(())
     }
@@ -198,7 +202,7 @@ impl Plan {
 
     /// Whether somebody plans what to communicate.
     pub fn plans(&self) -> bool {
-        self.planner != PlannerKind::None || self.exec.contains_key("planner")
+        self.planner != PlannerMethod::None || self.exec.contains_key("planner")
     }
 
     /// What a running set says of itself.
@@ -242,20 +246,23 @@ impl Plan {
             spin_us: self.spin_us,
             ..run.for_process(process, index as u32)
         };
-        let gridworld = self.scene.gridworld().cloned();
+        let scenario = match self.scene.gridworld() {
+            None => Scenario::Highway(()),
+            Some(scene) => Scenario::Gridworld(scene.clone()),
+        };
         let with_options = match process {
             "world" => plain.with_options(&world::Options {
-                place: self.world(),
+                scenario: self.world(),
                 episodes: self.episodes,
                 seed: self.seed,
             }),
             "driver" => plain.with_options(&driver::Options {
-                place: self.seat()?,
+                scenario: self.seat()?,
                 seed: self.seed,
             }),
             "belief" => plain.with_options(&belief::Options {
                 model: self.self_model.0.clone(),
-                gridworld,
+                scenario,
             }),
             "human" => plain.with_options(&human::Options {
                 kind: self.human,
@@ -266,44 +273,42 @@ impl Plan {
                     ImplantSource::Learn(_) => bail!("the human model has not learned yet"),
                 },
                 person: match &self.modelled {
-                    Who::Acting(person) if self.human == Kind::Ideal => Some(person.clone()),
+                    Scenario::Gridworld(person) if self.human == Kind::Ideal => {
+                        Some(person.clone())
+                    }
                     _ => None,
                 },
-                gridworld,
+                scenario,
                 seed: self.seed,
             }),
             "planner" => plain.with_options(&planner::Options {
-                method: match self.planner {
-                    PlannerKind::Ce => planner::Method::Ce,
-                    PlannerKind::Kl => planner::Method::Kl,
-                    PlannerKind::None => planner::Method::None,
-                },
+                method: self.planner,
                 model: Some(self.self_model.0.clone()),
                 settings: self.settings,
                 seed: self.seed,
                 step_s: self.scene.step_s() as f32,
                 patience_ms: 50,
-                gridworld,
+                scenario,
             }),
             "renderer" => plain.with_options(&renderer::Options {
                 step_s: self.scene.step_s() as f32,
-                speech_interval_s: match &self.scene.place {
-                    Place::Highway(scene, _) => scene.communication.speech_interval_s as f32,
-                    Place::Gridworld(..) => 0.0,
+                speech_interval_s: match &self.scene.scenario {
+                    Scenario::Highway(road) => road.scene.communication.speech_interval_s as f32,
+                    Scenario::Gridworld(_) => 0.0,
                 },
                 print: !self.quiet,
                 colours: screen::has_colours(),
-                gridworld,
+                scenario,
             }),
             "recorder" => plain.with_options(&recorder::Options {
                 record: self.record.clone(),
                 result: Some(self.recorder_result(run)),
                 about: self.about(run)?,
-                road: match &self.scene.place {
-                    Place::Highway(scene, _) => {
-                        road_lines(scene).with_context(|| self.scene.name.clone())?
+                road: match &self.scene.scenario {
+                    Scenario::Highway(road) => {
+                        road_lines(&road.scene).with_context(|| self.scene.name.clone())?
                     }
-                    Place::Gridworld(..) => Vec::new(),
+                    Scenario::Gridworld(_) => Vec::new(),
                 },
                 ..recorder::Options::default()
             }),
@@ -313,29 +318,25 @@ impl Plan {
     }
 
     /// The world, for its process.
-    fn world(&self) -> world::Place {
-        match &self.scene.place {
-            Place::Highway(scene, recording) => world::Place::Highway(world::Road {
-                seat: scene.seat,
-                scene: scene.clone(),
-                recording: recording.clone(),
-            }),
-            Place::Gridworld(scene, _) => world::Place::Gridworld(scene.clone()),
+    fn world(&self) -> Scenario<HighwayRoad> {
+        match &self.scene.scenario {
+            Scenario::Highway(road) => Scenario::Highway(road.clone()),
+            Scenario::Gridworld((scene, _)) => Scenario::Gridworld(scene.clone()),
         }
     }
 
     /// The person and where they are, for their process.
-    fn seat(&self) -> Result<driver::Place> {
-        Ok(match (&self.scene.place, &self.driver.who) {
-            (Place::Highway(scene, recording), Who::Driving(person)) => {
-                driver::Place::Highway(driver::Seat {
-                    scene: scene.clone(),
-                    recording: recording.clone(),
+    fn seat(&self) -> Result<Scenario<HighwaySeat, GridworldSeat>> {
+        Ok(match (&self.scene.scenario, &self.driver.who) {
+            (Scenario::Highway(road), Scenario::Highway(person)) => {
+                Scenario::Highway(HighwaySeat {
+                    scene: road.scene.clone(),
+                    recording: road.recording.clone(),
                     person: person.clone(),
                 })
             }
-            (Place::Gridworld(scene, _), Who::Acting(person)) => {
-                driver::Place::Gridworld(driver::Role {
+            (Scenario::Gridworld((scene, _)), Scenario::Gridworld(person)) => {
+                Scenario::Gridworld(GridworldSeat {
                     scene: scene.clone(),
                     person: person.clone(),
                 })

@@ -10,11 +10,11 @@ pub use gridworld::GridTracker;
 pub use tracker::Tracker;
 
 use anyhow::{Result, ensure};
-use domains::discrete::Scene;
 use messages::{DriverAction, RobotBelief, Sensed, topic};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
+use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -24,9 +24,9 @@ use std::path::PathBuf;
 pub struct Options {
     /// The self-model's file.
     pub model: PathBuf,
-    /// The gridworld's scene; none on the highway.
-    #[serde(default)]
-    pub gridworld: Option<Scene>,
+    /// Highway or gridworld; as JSON, the gridworld's scene under `gridworld`.
+    #[serde(default, rename = "gridworld", with = "scene_or_null")]
+    pub scenario: Scenario,
 }
 
 /// Joins the run and follows the world until it ends.
@@ -34,12 +34,12 @@ pub struct Options {
 /// # Errors
 /// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    run_process(arguments, |node| match &options.gridworld {
-        None => {
+    run_process(arguments, |node| match &options.scenario {
+        Scenario::Highway(()) => {
             let model = models::checkpoint::load_self_model(&options.model)?;
             follow(node, Tracker::new(model))
         }
-        Some(scene) => {
+        Scenario::Gridworld(scene) => {
             let layout = models::words::layout_of(scene)?;
             let model = DiscreteModel::load(&options.model, layout)?;
             follow(node, GridTracker::new(model))

@@ -140,7 +140,7 @@ fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
             &arguments,
             &Options {
                 model: path.clone(),
-                gridworld: None,
+                scenario: scenario::Scenario::Highway(()),
             },
         )
         .expect_err("refused");

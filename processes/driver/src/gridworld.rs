@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 /// A place in a gridworld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Role {
+pub struct GridworldSeat {
     /// The scene: how far people see.
     pub scene: Scene,
     /// Who acts.
     pub person: Acting,
 }
 
-impl Role {
+impl GridworldSeat {
     /// The simulated person.
     ///
     /// # Errors
@@ -28,24 +28,24 @@ impl Role {
 }
 
 /// A simulated person, and what they are shown and told.
-pub struct Player {
+pub struct GridworldPlayer {
     person: SimulatedPerson,
     seed: u64,
     told: Mask,
     measure: [u32; 3],
 }
 
-impl Player {
+impl GridworldPlayer {
     /// A person who knows nothing yet.
     ///
     /// # Errors
-    /// As [`Role::simulated`].
-    pub fn new(role: &Role, seed: u64) -> Result<Self> {
-        let domain = role.scene.domain();
-        let world = World::new(&role.scene, &models::words::shipped(domain)?)?;
+    /// As [`GridworldSeat::simulated`].
+    pub fn new(seat: &GridworldSeat, seed: u64) -> Result<Self> {
+        let domain = seat.scene.domain();
+        let world = World::new(&seat.scene, &models::words::shipped(domain)?)?;
         let layout = world.layout();
         Ok(Self {
-            person: role.simulated()?,
+            person: seat.simulated()?,
             seed,
             told: Mask::NONE,
             measure: [domain.number(), layout.visual as u32, layout.verbal as u32],
@@ -53,7 +53,7 @@ impl Player {
     }
 }
 
-impl Person for Player {
+impl Person for GridworldPlayer {
     type Sensed = Observation;
 
     fn measure(&self) -> [u32; 3] {

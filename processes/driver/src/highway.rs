@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// A seat on the highway.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Seat {
+pub struct HighwaySeat {
     /// The scene: what the cockpit and the weather are like.
     pub scene: Scene,
     /// The CommonRoad file whose road and traffic take the place of the scene's own.
@@ -35,7 +35,7 @@ pub enum Driving {
     Recorded(i32),
 }
 
-impl Seat {
+impl HighwaySeat {
     /// Nanoseconds of a step in the real-time clock.
     pub fn step_ns(&self) -> u64 {
         (1e9 * self.scene.step_s() / self.scene.clock.rate) as u64
@@ -43,7 +43,7 @@ impl Seat {
 }
 
 /// The person at the wheel, with buffers for what they are shown.
-pub struct Driver {
+pub struct HighwayDriver {
     who: Who,
     seed: u64,
     observation: highway::Observation,
@@ -58,12 +58,12 @@ enum Who {
     Recorded(World),
 }
 
-impl Driver {
+impl HighwayDriver {
     /// Seats the person.
     ///
     /// # Errors
     /// When the recording's file is not what it was when the run was planned.
-    pub fn new(options: &Seat, seed: u64) -> Result<Self> {
+    pub fn new(options: &HighwaySeat, seed: u64) -> Result<Self> {
         let mut scene = options.scene.clone();
         scene.seat = match options.person {
             Driving::Simulated(_) => None,
@@ -94,7 +94,7 @@ impl Driver {
     }
 }
 
-impl Person for Driver {
+impl Person for HighwayDriver {
     type Sensed = LidarFrame;
 
     fn measure(&self) -> [u32; 3] {

@@ -8,17 +8,18 @@ mod highway;
 mod person;
 
 pub use domains::discrete::Acting;
-pub use gridworld::Role;
-pub use highway::{Driving, Seat};
+pub use gridworld::GridworldSeat;
+pub use highway::{Driving, HighwaySeat};
 
 use anyhow::{Result, ensure};
-use gridworld::Player;
-use highway::Driver;
+use gridworld::GridworldPlayer;
+use highway::HighwayDriver;
 use messages::{Display, DriverAction, Sensed, topic};
 use person::Person;
 use runtime::{
     ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns, run_process,
 };
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 
 /// Options of the driver process.
@@ -26,21 +27,10 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// Where the person is, and who they are.
-    pub place: Place,
+    #[serde(rename = "place")]
+    pub scenario: Scenario<HighwaySeat, GridworldSeat>,
     /// Seed of the person's noise.
     pub seed: u64,
-}
-
-/// Where the person is, and who they are.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-pub enum Place {
-    /// On the highway.
-    Highway(Seat),
-    /// In driving, search and rescue, or bomb defusal.
-    Gridworld(Role),
 }
 
 /// Joins the run and drives until it ends.
@@ -49,9 +39,13 @@ pub enum Place {
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     let seed = options.seed;
-    run_process(arguments, |node| match &options.place {
-        Place::Highway(seat) => drive(node, Driver::new(seat, seed)?, seat.step_ns() / 2),
-        Place::Gridworld(role) => drive(node, Player::new(role, seed)?, role.scene.step_ns() / 2),
+    run_process(arguments, |node| match &options.scenario {
+        Scenario::Highway(seat) => drive(node, HighwayDriver::new(seat, seed)?, seat.step_ns() / 2),
+        Scenario::Gridworld(seat) => drive(
+            node,
+            GridworldPlayer::new(seat, seed)?,
+            seat.scene.step_ns() / 2,
+        ),
     })
 }
 

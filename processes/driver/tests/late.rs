@@ -3,12 +3,13 @@
 use anyhow::{Result, ensure};
 use domains::bomb_defusal::WAIT;
 use domains::discrete::{Discrete, Scene, World};
-use driver::{Acting, Options, Place, Role};
+use driver::{Acting, GridworldSeat, Options};
 use messages::{Display, DriverAction, Observation, ProcessState, topic};
 use runtime::{
     ClockMode, InstanceLock, Launcher, LauncherWake, Node, Receive, RunArguments, Stamp, Wake,
     now_ns,
 };
+use scenario::Scenario;
 use std::path::Path;
 
 /// World and renderer in one: three steps of a round, of which the second is shown what was decided late; gives what the person
@@ -75,7 +76,7 @@ fn run(clock: ClockMode, folder: &Path) -> Result<([u32; 3], u32)> {
     };
     let (ours, theirs) = (process("driver", 0), process("others", 1));
     let options = Options {
-        place: Place::Gridworld(Role {
+        scenario: Scenario::Gridworld(GridworldSeat {
             scene: scene.clone(),
             person: Acting::File(file),
         }),

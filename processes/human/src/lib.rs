@@ -8,13 +8,14 @@ pub use person::{GROUPS, Person};
 pub use senses::{GridSenses, Senses};
 
 use anyhow::{Result, bail, ensure};
-use domains::discrete::{Acting, Scene, SimulatedPerson};
+use domains::discrete::{Acting, SimulatedPerson};
 use messages::{Display, DriverAction, HumanBelief, Sensed, topic};
 use models::discrete::human_file::HumanError;
 use models::discrete::{DiscreteModel, IdealHuman};
 use models::utterances::UtteranceTable;
 use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
+use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -33,9 +34,9 @@ pub struct Options {
     /// The simulated person whose own model `ideal` is.
     #[serde(default)]
     pub person: Option<Acting>,
-    /// The gridworld's scene; none on the highway.
-    #[serde(default)]
-    pub gridworld: Option<Scene>,
+    /// Highway or gridworld; as JSON, the gridworld's scene under `gridworld`.
+    #[serde(default, rename = "gridworld", with = "scene_or_null")]
+    pub scenario: Scenario,
     /// Seed of the run, for models by which it is chance what people perceive.
     #[serde(default)]
     pub seed: u64,
@@ -47,7 +48,7 @@ impl Options {
     /// # Errors
     /// If a file is missing, damaged, or not what the kind needs.
     pub fn load(&self) -> Result<Box<dyn HumanModel>> {
-        if let Some(scene) = &self.gridworld {
+        if let Scenario::Gridworld(scene) = &self.scenario {
             let layout = models::words::layout_of(scene)?;
             if self.kind == Kind::Ideal {
                 let person = self.person.as_ref().ok_or(HumanError::Nobody)?;
@@ -104,9 +105,11 @@ impl Options {
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     run_process(arguments, |node| {
         let (model, seed) = (options.load()?, options.seed);
-        match &options.gridworld {
-            None => attend(node, Person::new(model, UtteranceTable::shipped()?, seed)),
-            Some(scene) => {
+        match &options.scenario {
+            Scenario::Highway(()) => {
+                attend(node, Person::new(model, UtteranceTable::shipped()?, seed))
+            }
+            Scenario::Gridworld(scene) => {
                 let layout = models::words::layout_of(scene)?;
                 attend(node, Person::new(model, GridSenses { layout }, seed))
             }

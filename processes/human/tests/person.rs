@@ -15,6 +15,7 @@ use models::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use scenario::Scenario;
 use std::sync::Arc;
 
 #[global_allocator]
@@ -302,7 +303,7 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
             model: path("self"),
             implants: implants.map(path),
             person: None,
-            gridworld: None,
+            scenario: Scenario::Highway(()),
             seed: 1,
         };
         options
@@ -338,7 +339,7 @@ fn the_ideal_model_is_that_of_a_named_person() {
         model: "the ideal model needs no self-model".into(),
         implants: None,
         person,
-        gridworld: Scene::builtin("bomb").ok(),
+        scenario: Scenario::Gridworld(Scene::builtin("bomb").expect("it ships")),
         seed: 1,
     };
     let load = |person| ideal(person).load().map_err(|error| format!("{error:#}"));

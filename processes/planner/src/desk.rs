@@ -8,6 +8,7 @@ use nn::Tensor;
 use planning::discrete::DiscretePlanner;
 use planning::planner::{From, Plan, Settings};
 use planning::{Chooser, ImaginedPeople, Items, PeopleError};
+use scenario::Scenario;
 use std::sync::Arc;
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
@@ -29,20 +30,15 @@ pub struct Desk {
     hears: bool,
 }
 
-/// The planners and their world models.
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-enum Planning {
-    Highway(SelfModel, Chooser),
-    Gridworld(Arc<DiscreteModel>, DiscretePlanner),
-}
+/// A planner and its world model.
+type Planning = Scenario<(SelfModel, Chooser), (Arc<DiscreteModel>, DiscretePlanner)>;
 
 impl Desk {
     /// The highway's planner, which has planned nothing yet; settings must have no problem.
     pub fn highway(options: &Options, model: SelfModel) -> Self {
         let chooser = Chooser::new(options.method.chooser(), options.settings, &model);
         let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
-        let planner = Planning::Highway(model, chooser);
+        let planner = Scenario::Highway((model, chooser));
         Self::new(options, planner, latent, actions, &planning::items::Sectors)
     }
 
@@ -53,7 +49,7 @@ impl Desk {
         let items = Arc::clone(&layout);
         let planner = DiscretePlanner::with_items(method, options.settings, &*model, items);
         let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
-        let planner = Planning::Gridworld(model, planner);
+        let planner = Scenario::Gridworld((model, planner));
         Self::new(options, planner, latent, actions, &layout)
     }
 
@@ -138,12 +134,12 @@ impl Desk {
         };
         let probability = self.probability.iter_mut().enumerate();
         match &mut self.planner {
-            Planning::Highway(model, planner) => {
+            Scenario::Highway((model, planner)) => {
                 let from = from.knowing(acted.map(|acted| [acted.throttle, acted.steer]));
                 self.plan = planner.search(model, &from, people)?;
                 probability.for_each(|(item, p)| *p = planner.probability(item));
             }
-            Planning::Gridworld(model, planner) => {
+            Scenario::Gridworld((model, planner)) => {
                 self.plan = planner.search(model, &from, people)?;
                 probability.for_each(|(item, p)| *p = planner.probability(item));
             }

@@ -8,7 +8,7 @@ pub use desk::Desk;
 pub use remote::{RemotePeople, Waiting};
 
 use anyhow::{Context, Result, bail};
-use domains::discrete::Scene;
+use clap::ValueEnum;
 use messages::{
     CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, RobotBelief, topic,
 };
@@ -16,23 +16,34 @@ use models::SelfModel;
 use models::discrete::DiscreteModel;
 use planning::{PeopleError, Settings};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
+use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How to decide.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// How to decide what to communicate.
+// What follows is what `mirror up --help` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Cross-entropy over imagined futures.
+pub enum PlannerMethod {
+    /// Imagine many futures and keep what helps most (cross-entropy method)
     Ce,
-    /// Belief matching, with no regard to reward (the paper's MIRROR-KL).
+    /// Bring the person's belief as near to the robot's as it will go, with no regard to reward (MIRROR-KL)
     Kl,
-    /// Nothing is ever communicated (the paper's NC).
+    /// Never communicate
     None,
 }
 
-impl Method {
+impl PlannerMethod {
+    /// Its name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ce => "ce",
+            Self::Kl => "kl",
+            Self::None => "none",
+        }
+    }
+
     /// The planning library's name for it; `none` plans nothing and is treated as `ce` where a planner is made all the same.
     fn chooser(self) -> planning::Method {
         match self {
@@ -47,7 +58,7 @@ impl Method {
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// How to decide.
-    pub method: Method,
+    pub method: PlannerMethod,
     /// The self-model's file, the same that the belief process uses; `none` needs no model.
     #[serde(default)]
     pub model: Option<PathBuf>,
@@ -61,9 +72,9 @@ pub struct Options {
     /// In real time, how long the human model may take for an answer, in milliseconds.
     #[serde(default = "default_patience_ms")]
     pub patience_ms: u64,
-    /// The gridworld's scene; none on the highway.
-    #[serde(default)]
-    pub gridworld: Option<Scene>,
+    /// Highway or gridworld; as JSON, the gridworld's scene under `gridworld`.
+    #[serde(default, rename = "gridworld", with = "scene_or_null")]
+    pub scenario: Scenario,
 }
 
 /// Ten times what an answer to half of the default samples takes.
@@ -93,15 +104,17 @@ impl Options {
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     options.check()?;
     run_process(arguments, |node| match options.method {
-        Method::None => say_nothing(node),
-        Method::Ce | Method::Kl => {
+        PlannerMethod::None => say_nothing(node),
+        PlannerMethod::Ce | PlannerMethod::Kl => {
             let path = options
                 .model
                 .as_ref()
                 .context("planner options: methods `ce` and `kl` need a model")?;
-            let desk = match &options.gridworld {
-                None => Desk::highway(options, models::checkpoint::load_self_model(path)?),
-                Some(scene) => {
+            let desk = match &options.scenario {
+                Scenario::Highway(()) => {
+                    Desk::highway(options, models::checkpoint::load_self_model(path)?)
+                }
+                Scenario::Gridworld(scene) => {
                     let layout = models::words::layout_of(scene)?;
                     Desk::gridworld(options, Arc::new(DiscreteModel::load(path, layout)?))
                 }

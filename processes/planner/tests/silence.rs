@@ -3,7 +3,7 @@
 mod support;
 
 use messages::{CommAction, DecisionReason, Display, DriverAction, LidarFrame, Message};
-use planner::{Method, Options};
+use planner::{Options, PlannerMethod};
 use runtime::ClockMode;
 use support::{Script, Set};
 
@@ -26,7 +26,7 @@ fn publish_rest(set: &mut Set, step: u32) {
 #[test]
 fn without_a_planner_every_step_gets_an_empty_decision() {
     let options = Options {
-        method: Method::None,
+        method: PlannerMethod::None,
         ..support::options()
     };
     let mut set = Set::start_with(ClockMode::Lockstep, &["planner"], options);

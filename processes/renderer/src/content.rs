@@ -2,11 +2,11 @@
 //! car, and when the next sentence may start.
 
 use crate::render::{Render, is_in_force};
-use domains::discrete::Scene;
 use domains::highway::display::most_wanted;
 use domains::highway::speech::{self, SECTOR_AZIMUTHS, displayable};
 use domains::highway::{Observation, UtteranceKind};
 use messages::{CommAction, Display, LidarFrame, SECTORS, Utterance, UtteranceContent};
+use scenario::{Scenario, scene_or_null};
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -21,9 +21,9 @@ pub struct Options {
     /// Whether they are written in colours, though the standard output is a pipe: there is a terminal at its end.
     #[serde(default)]
     pub colours: bool,
-    /// The gridworld's scene; none on the highway.
-    #[serde(default)]
-    pub gridworld: Option<Scene>,
+    /// Highway or gridworld; as JSON, the gridworld's scene under `gridworld`.
+    #[serde(default, rename = "gridworld", with = "scene_or_null")]
+    pub scenario: Scenario,
 }
 
 impl Default for Options {
@@ -34,7 +34,7 @@ impl Default for Options {
             speech_interval_s: 3.5,
             print: true,
             colours: false,
-            gridworld: None,
+            scenario: Scenario::Highway(()),
         }
     }
 }

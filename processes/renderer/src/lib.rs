@@ -19,6 +19,7 @@ use messages::{CommAction, Display, Outcome, Picture, Sensed, topic};
 use runtime::{
     ClockMode, Input, InputOptions, Node, Output, Receive, RunArguments, Stamp, Wake, run_process,
 };
+use scenario::Scenario;
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use unhurried::Unhurried;
@@ -28,12 +29,12 @@ use unhurried::Unhurried;
 /// # Errors
 /// When the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    run_process(arguments, |node| match &options.gridworld {
-        None => {
+    run_process(arguments, |node| match &options.scenario {
+        Scenario::Highway(()) => {
             let events = |colours| Events::new(Unhurried::new(io::stdout()), colours, options);
             render(node, options, Renderer::new(options), events)
         }
-        Some(scene) => {
+        Scenario::Gridworld(scene) => {
             let layout = models::words::layout_of(scene)?;
             let words = models::words::shipped(scene.domain())?;
             let told = Arc::clone(&layout);

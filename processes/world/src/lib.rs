@@ -13,13 +13,14 @@ mod options;
 mod ports;
 mod truth;
 
-pub use options::{Options, Place, Road};
+pub use options::{HighwayRoad, Options};
 
 use anyhow::Result;
 use gridworld::Gridworld;
 use highway::Highway;
 use ports::Ports;
 use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns, run_process};
+use scenario::Scenario;
 use truth::Truth;
 
 /// Joins the run and drives its episodes to the end.
@@ -27,12 +28,12 @@ use truth::Truth;
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
-    run_process(arguments, |node| match &options.place {
-        Place::Highway(road) => {
+    run_process(arguments, |node| match &options.scenario {
+        Scenario::Highway(road) => {
             let world = Highway::new(node, road.world()?)?;
             drive(node, options, world)
         }
-        Place::Gridworld(scene) => {
+        Scenario::Gridworld(scene) => {
             let world = Gridworld::new(node, scene)?;
             drive(node, options, world)
         }

@@ -1,9 +1,9 @@
 //! What the launcher tells the world process: scene, recording, episodes, seed.
 
 use anyhow::{Context, Result};
-use domains::commonroad::Scenario;
-use domains::discrete;
+use domains::commonroad;
 use domains::highway::{Scene, World};
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,29 +13,18 @@ use std::sync::Arc;
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// Which world.
-    pub place: Place,
+    #[serde(rename = "place")]
+    pub scenario: Scenario<HighwayRoad>,
     /// Episodes to drive.
     pub episodes: u32,
     /// Seed of everything that is drawn.
     pub seed: u64,
 }
 
-/// A world of some domain.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-// One of them exists, once.
-#[allow(clippy::large_enum_variant)]
-pub enum Place {
-    /// The highway.
-    Highway(Road),
-    /// Driving, search and rescue, or bomb defusal.
-    Gridworld(discrete::Scene),
-}
-
 /// A highway, its own or a recorded one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Road {
+pub struct HighwayRoad {
     /// The scene.
     pub scene: Scene,
     /// The CommonRoad file whose road and traffic take the place of the scene's own.
@@ -46,7 +35,7 @@ pub struct Road {
     pub seat: Option<i32>,
 }
 
-impl Road {
+impl HighwayRoad {
     /// Builds the world.
     ///
     /// # Errors
@@ -54,7 +43,9 @@ impl Road {
     pub fn world(&self) -> Result<World> {
         let mut scene = self.scene.clone();
         if let Some(file) = &self.recording {
-            scene.course = Some(Arc::new(Scenario::read(file)?.course(self.seat)?));
+            scene.course = Some(Arc::new(
+                commonroad::Scenario::read(file)?.course(self.seat)?,
+            ));
             scene.seat = self.seat;
         }
         World::new(Arc::new(scene)).context("the scene's road")

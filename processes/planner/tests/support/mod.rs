@@ -7,7 +7,7 @@ use messages::{
 };
 use models::self_model::Sizes;
 use models::{Implants, SelfHuman, SelfModel};
-use planner::{Method, Options};
+use planner::{Options, PlannerMethod};
 use planning::Settings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -40,7 +40,7 @@ pub fn human() -> SelfHuman {
 /// A small planner whose costs leave room for decisions either way.
 pub fn options() -> Options {
     Options {
-        method: Method::Ce,
+        method: PlannerMethod::Ce,
         model: None,
         settings: Settings {
             horizon: 2,
@@ -55,7 +55,7 @@ pub fn options() -> Options {
         seed: 11,
         step_s: 0.15,
         patience_ms: 40,
-        gridworld: None,
+        scenario: scenario::Scenario::Highway(()),
     }
 }
 
@@ -153,7 +153,9 @@ impl Set {
                 let run = move || match arguments.process.as_str() {
                     "belief" => belief::run_with(&arguments, self_model()),
                     "human" => human::run_with(&arguments, Box::new(human())),
-                    _ if options.method == Method::None => planner::run(&arguments, &options),
+                    _ if options.method == PlannerMethod::None => {
+                        planner::run(&arguments, &options)
+                    }
                     _ => planner::run_with(&arguments, &options, &self_model()),
                 };
                 std::thread::spawn(run)
