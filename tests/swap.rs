@@ -44,7 +44,7 @@ fn believe(node: &mut Node) {
         frames.take().unwrap();
         let stamp = Stamp::of(frames.header().unwrap());
         beliefs.send_with(stamp, |_| {}).unwrap();
-        if node.speaks(stamp.episode, stamp.step) {
+        if node.is_active(stamp.episode, stamp.step) {
             node.end_step();
         }
     }
@@ -68,7 +68,7 @@ fn decide(node: &mut Node) {
     while node.wait(&mut [&mut beliefs], None).unwrap() != Wake::Stop {
         beliefs.take().unwrap();
         let stamp = Stamp::of(beliefs.header().unwrap()).next();
-        if node.speaks(stamp.episode, stamp.step) {
+        if node.is_active(stamp.episode, stamp.step) {
             decisions
                 .send_with(stamp, |decision| decision.reason = 1)
                 .unwrap();

@@ -23,7 +23,6 @@ mod screen;
 mod suspend;
 mod swap;
 mod train_self;
-mod units;
 mod up;
 
 use clap::Parser;

@@ -5,10 +5,8 @@ use crate::failure::Failure;
 use runtime::RunArguments;
 use std::process::ExitCode;
 
-/// The processes in launch order; a process's place is its index in messages.
-pub const NAMES: [&str; 7] = [
-    "world", "driver", "belief", "human", "planner", "renderer", "recorder",
-];
+/// The processes in launch order.
+pub use messages::PROCESSES as NAMES;
 
 /// Runs a process until its run ends.
 pub fn process(arguments: &ProcessArguments) -> Result<ExitCode, Failure> {

@@ -4,7 +4,7 @@ use crate::cli::SwapArguments;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
-use crate::up::door::{self, Question, Replacement, Waiting};
+use crate::up::control_socket::{self, Question, Replacement, WaitNotice};
 use anyhow::{Context, Result, bail};
 use runtime::instance::{self, lookup_roots};
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ pub fn swap(arguments: &SwapArguments) -> Result<ExitCode, Failure> {
     let (directory, report_to, question) = prepare(arguments).map_err(Failure::refused)?;
     let screen = Screen::new();
     let mut news = News::new(screen.clone());
-    let report = door::ask(&directory, &question, |waiting| news.tell(waiting));
+    let report = control_socket::ask(&directory, &question, |waiting| news.tell(waiting));
     screen.finish();
     let report = report?;
     print(&screen, &report);
@@ -97,8 +97,8 @@ impl News {
         }
     }
 
-    fn tell(&mut self, waiting: &Waiting) {
-        let Waiting { what, so_far } = waiting;
+    fn tell(&mut self, waiting: &WaitNotice) {
+        let WaitNotice { what, so_far } = waiting;
         if *what != self.said {
             self.screen.warn(what);
             self.said.clone_from(what);

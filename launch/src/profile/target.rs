@@ -3,14 +3,12 @@
 use crate::cli::{Clock, UpArguments};
 use crate::failure::Failure;
 use crate::own;
-use crate::up::door::{self, Question};
 use anyhow::{Context, Result, anyhow};
+use profiler::StartedSet;
 use runtime::instance::{lookup_roots, nodes, root_for, root_of};
-use runtime::{ClockMode, NodeError, Observer, RunArguments, list_instances, now_ns};
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use runtime::{NodeError, Observer, list_instances, now_ns};
 use std::os::unix::process::CommandExt;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
 /// How long a set may take until its launcher is there.
@@ -23,41 +21,6 @@ const ENDLESS: u32 = 1_000_000;
 /// Name of the observer's node.
 pub const NODE: &str = "profile";
 
-/// A `mirror up` of our own. Dropped, it is ended and waited for.
-pub struct Started {
-    child: Child,
-}
-
-impl Started {
-    /// Its process id.
-    pub fn pid(&self) -> u32 {
-        self.child.id()
-    }
-
-    /// Asks it to end, and waits for it.
-    pub fn end(&mut self) {
-        // The id of one that was waited for may be somebody else's.
-        if self.ended().is_some() {
-            return;
-        }
-        // SAFETY: signals a child that was not waited for yet, so its id is its own.
-        unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
-        let _ = self.child.wait();
-    }
-
-    /// How it ended, if it has.
-    pub fn ended(&mut self) -> Option<i32> {
-        let status = self.child.try_wait().ok()??;
-        Some(status.code().unwrap_or(1))
-    }
-}
-
-impl Drop for Started {
-    fn drop(&mut self) {
-        self.end();
-    }
-}
-
 /// Starts `mirror up` for this instance, with endlessly many episodes if `endless`, and returns once its launcher has its
 /// place. It ends with this process.
 ///
@@ -67,7 +30,7 @@ pub fn start(
     arguments: &UpArguments,
     instance: &str,
     endless: bool,
-) -> Result<(Started, Observer), Failure> {
+) -> Result<(StartedSet, Observer), Failure> {
     let mut command = own::command();
     command
         .arg("up")
@@ -87,7 +50,7 @@ pub fn start(
         });
     }
     let child = command.spawn().context("starting mirror up")?;
-    let mut started = Started { child };
+    let mut started = StartedSet::new(child);
     let deadline = now_ns() + START_NS;
     let root = root_for(instance);
     loop {
@@ -196,71 +159,4 @@ pub fn attach(instance: &str) -> Result<Observer, Failure> {
         };
         Failure::refused(anyhow!("--attach {instance}: {why}; {which}"))
     })
-}
-
-/// What a set says about itself: from its launcher's answer, and the arguments that it gave its processes.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct About {
-    /// `lockstep` or `realtime`.
-    pub clock: Option<ClockMode>,
-    /// How long a process polls before it sleeps, in µs; 0: it is always woken.
-    pub spin_us: u32,
-    /// The scene.
-    pub scene: Option<String>,
-    /// Who drives.
-    pub driver: Option<String>,
-    /// The human model.
-    pub human: Option<String>,
-    /// The planner.
-    pub planner: Option<String>,
-    /// Seed.
-    pub seed: Option<u64>,
-    /// The file that the recorder writes; without it, it only counts and digests.
-    pub record: Option<String>,
-    /// Identity of the run.
-    #[serde(skip)]
-    pub run_id: u64,
-}
-
-/// Reads what a set says about itself; what is not there stays empty.
-pub fn about(observer: &Observer) -> About {
-    let mut about = About::default();
-    let mut processes = BTreeMap::new();
-    for entry in std::fs::read_dir(observer.directory())
-        .into_iter()
-        .flatten()
-        .flatten()
-    {
-        let path = entry.path();
-        if path
-            .extension()
-            .is_some_and(|extension| extension == "json")
-            && let Ok(arguments) = RunArguments::read(&path)
-        {
-            processes.insert(arguments.process.clone(), arguments);
-        }
-    }
-    let option = |process: &str, path: &str| {
-        let options = &processes.get(process)?.options;
-        options
-            .pointer(path)
-            .filter(|value| !value.is_null())
-            .cloned()
-    };
-    let text = |process, path| Some(option(process, path)?.as_str()?.to_owned());
-    if let Some(world) = processes.get("world") {
-        about.clock = Some(world.clock);
-        about.run_id = world.run_id;
-        about.spin_us = world.spin_us;
-    }
-    if let Ok(status) = door::ask(&observer.directory(), &Question::Status, |_| ()) {
-        let said = |key: &str| Some(status[key].as_str()?.to_owned());
-        about.scene = said("scene");
-        about.driver = said("driver");
-        about.human = said("human");
-        about.planner = said("planner");
-        about.seed = status["seed"].as_u64();
-    }
-    about.record = text("recorder", "/record");
-    about
 }

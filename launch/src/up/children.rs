@@ -23,11 +23,23 @@ pub enum Phase {
     /// It reads its models and makes its ports.
     Starting,
     /// It reads what its predecessor reads, and is silent.
-    StandingBy,
+    Standby,
     /// It does its part.
-    Speaking,
+    Active,
     /// It has handed over, or is to end.
     Leaving,
+}
+
+impl Phase {
+    /// What a running set says of it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Starting => "Starting",
+            Self::Standby => "StandingBy",
+            Self::Active => "Speaking",
+            Self::Leaving => "Leaving",
+        }
+    }
 }
 
 /// A living process.
@@ -245,16 +257,16 @@ impl Children {
     }
 
     /// Who does the part of a place now.
-    pub fn speaker(&self, place: usize) -> Option<&Child> {
+    pub fn active(&self, place: usize) -> Option<&Child> {
         self.living
             .iter()
-            .find(|child| child.place == place && child.phase == Phase::Speaking)
+            .find(|child| child.place == place && child.phase == Phase::Active)
     }
 
-    /// All living ones speak: the run has started.
-    pub fn all_speak(&mut self) {
+    /// All living ones are active: the run has started.
+    pub fn all_active(&mut self) {
         for child in &mut self.living {
-            child.phase = Phase::Speaking;
+            child.phase = Phase::Active;
             child.answers();
         }
     }

@@ -1,4 +1,4 @@
-//! How far each process of a run has come, seen from outside: the newest message of the topic that it speaks on.
+//! How far each process of a run has come, seen from outside: the newest message of the topic that it sends on.
 
 use crate::process::NAMES;
 use anyhow::Result;
@@ -98,7 +98,7 @@ impl<M: Message> Track<M> {
     }
 }
 
-/// The heads of all processes but the recorder, which speaks of nothing.
+/// The heads of all processes but the recorder, which sends nothing.
 pub struct Heads {
     world: Box<dyn Follow>,
     driver: Track<DriverAction>,

@@ -6,8 +6,8 @@
 mod activity;
 mod before;
 mod children;
+pub mod control_socket;
 mod decisions;
-pub mod door;
 mod heads;
 pub mod plan;
 mod run;
@@ -23,7 +23,7 @@ use crate::failure::Failure;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
 use before::Before;
-use door::Door;
+use control_socket::ControlSocket;
 use plan::Plan;
 use planner::PlannerMethod;
 use run::Run;
@@ -43,16 +43,16 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let run_id = now_ns() ^ u64::from(std::process::id()) << 40;
     let mut launcher = Launcher::open(lock, run_id, plan.clock)?;
     let suspension = Suspension::new()?;
-    let mut door = Door::open(&launcher.arguments().directory())?;
+    let mut socket = ControlSocket::open(&launcher.arguments().directory())?;
     let screen = Screen::new();
     let notes = plan.scene.notes();
     if !notes.is_empty() {
         screen.line(&format!("{}: {}", plan.scene.name, notes.join("; ")));
     }
-    starting::learn(&mut plan, &mut launcher, &mut door, &suspension)?;
+    starting::learn(&mut plan, &mut launcher, &mut socket, &suspension)?;
     screen.status("starting the processes".to_owned());
     let before = Before::set_aside(&plan).map_err(Failure::refused)?;
-    let mut run = Run::open(plan, &mut launcher, door, suspension, &screen)?;
+    let mut run = Run::open(plan, &mut launcher, socket, suspension, &screen)?;
     let ending = run.complete();
     screen.finish();
     let is_whole = |ending: &Ending| ending.recording.as_ref().is_some_and(|it| it.complete);

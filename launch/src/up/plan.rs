@@ -1,6 +1,6 @@
 //! What a run will do, resolved and checked before anything starts.
 
-use super::door::Replacement;
+use super::control_socket::Replacement;
 use crate::cli::{Clock, UpArguments};
 use crate::inputs;
 use crate::learned::{self, ImplantSource};

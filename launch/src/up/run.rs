@@ -2,12 +2,14 @@
 
 use super::activity::Activity;
 use super::children::{Children, Ended, Phase};
-use super::door::{Answer, Door, Question};
+use super::control_socket::{Answer, ControlSocket, Question};
 use super::heads::Heads;
 use super::plan::Plan;
 use super::starting::{self, READY_NS};
 use super::summary::Ending;
-use super::supervise::{Cause, Supervisor, ask_ns, border_after_death, next_border, patience_ns};
+use super::supervise::{
+    Cause, Supervisor, ask_ns, handover_after_death, next_handover, patience_ns,
+};
 use super::swap::{Around, Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
@@ -43,7 +45,7 @@ pub struct Run<'a> {
     tally: Tally,
     heads: Heads,
     supervisor: Supervisor,
-    door: Door,
+    socket: ControlSocket,
     suspension: Suspension,
     swap: Option<Swap>,
     ending: Ending,
@@ -64,7 +66,7 @@ impl<'a> Run<'a> {
     pub fn open(
         plan: Plan,
         launcher: &'a mut Launcher,
-        door: Door,
+        socket: ControlSocket,
         suspension: Suspension,
         screen: &'a Screen,
     ) -> Result<Self> {
@@ -83,7 +85,7 @@ impl<'a> Run<'a> {
             tally,
             heads,
             supervisor,
-            door,
+            socket,
             suspension,
             swap: None,
             ending: Ending::default(),
@@ -139,12 +141,12 @@ impl<'a> Run<'a> {
             &self.plan,
             self.launcher,
             &mut self.children,
-            &mut self.door,
+            &mut self.socket,
             &self.suspension,
         );
         ready.context("the process set did not start")?;
         self.launcher.start()?;
-        self.children.all_speak();
+        self.children.all_active();
         self.tell_progress()?;
         self.started_ns = now_ns();
         // Those who asked while the set was starting.
@@ -164,7 +166,7 @@ impl<'a> Run<'a> {
         while self.ending.ended_early.is_none() {
             let mut watched = self.children.descriptors();
             let living = watched.len();
-            watched.extend(self.door.descriptors());
+            watched.extend(self.socket.descriptors());
             watched.push(self.suspension.descriptor());
             match self.launcher.wait(&watched, Some(self.next_look_ns()))? {
                 LauncherWake::Report => {
@@ -209,7 +211,7 @@ impl<'a> Run<'a> {
         }
         if self.plan.exec.contains_key(NAMES[RECORDER]) {
             self.recorder = None;
-        } else if let Some(child) = self.children.speaker(RECORDER) {
+        } else if let Some(child) = self.children.active(RECORDER) {
             self.recorder = Some(child.index); // of one that has died, until there is another
         }
         let counted = self.heads.newest(WORLD).unwrap_or_default();
@@ -258,7 +260,7 @@ impl<'a> Run<'a> {
         let is_lockstep = self.launcher.arguments().clock == ClockMode::Lockstep;
         for child in self.children.living_mut() {
             let patience_ns = match child.phase {
-                Phase::Speaking | Phase::StandingBy => {
+                Phase::Active | Phase::Standby => {
                     let report = self.ending.reports[child.place].as_ref();
                     let longest_ns = report.map_or(0, |report| report.compute_ns[4]);
                     patience_ns(self.plan.hang_limit_ns, longest_ns)
@@ -322,7 +324,7 @@ impl<'a> Run<'a> {
             self.screen.warn(&format!("{}: {text}", NAMES[child.place]));
         }
         let (place, phase) = (child.place, child.phase);
-        if phase == Phase::Speaking {
+        if phase == Phase::Active {
             self.ending.reports[place] = Some(*report);
         }
         let swap = self.swap.as_ref();
@@ -332,24 +334,26 @@ impl<'a> Run<'a> {
         } else if phase == Phase::Starting && report.state() == Ok(ProcessState::Ready) {
             self.put_back(report.index, place)?;
         }
-        Ok(place == WORLD
-            && phase == Phase::Speaking
-            && report.state() == Ok(ProcessState::Finished))
+        Ok(
+            place == WORLD
+                && phase == Phase::Active
+                && report.state() == Ok(ProcessState::Finished),
+        )
     }
 
     /// A process that was started again goes on where its predecessor stopped.
     fn put_back(&mut self, index: u32, place: usize) -> Result<()> {
         self.tally.update()?;
         self.heads.update()?;
-        let border = if place == RECORDER {
+        let handover_step = if place == RECORDER {
             (0, 0) // also what is left of the time when nobody recorded
         } else {
-            border_after_death(self.launcher.arguments().clock, &self.heads, place)
+            handover_after_death(self.launcher.arguments().clock, &self.heads, place)
         };
         if let Some(child) = self.children.get_mut(index) {
-            child.phase = Phase::Speaking;
+            child.phase = Phase::Active;
         }
-        self.launcher.take_over(index, border)?;
+        self.launcher.take_over(index, handover_step)?;
         self.launcher.connect_all()?;
         self.supervisor.is_back(place);
         Ok(())
@@ -374,7 +378,7 @@ impl<'a> Run<'a> {
         } = ended;
         let swaps_here = self.swap.as_ref().is_some_and(|swap| swap.place() == place);
         let was_new = self.swap.as_ref().and_then(Swap::new_index) == Some(index);
-        let is_missed = phase != Phase::Leaving && (!was_new || phase == Phase::Speaking);
+        let is_missed = phase != Phase::Leaving && (!was_new || phase == Phase::Active);
         let over = is_missed && place == WORLD && self.episodes_left() == 0;
         if is_missed {
             self.screen.warn(&format!("mirror: {} {how}", NAMES[place]));
@@ -396,26 +400,26 @@ impl<'a> Run<'a> {
 
     /// Episodes that a new world could still drive.
     fn episodes_left(&self) -> u32 {
-        let (episode, _) = next_border(&self.heads, WORLD);
+        let (episode, _) = next_handover(&self.heads, WORLD);
         self.plan.episodes.saturating_sub(episode)
     }
 
     fn answer_the_door(&mut self) -> Result<()> {
-        while let Some((visitor, question)) = self.door.next() {
+        while let Some((caller, question)) = self.socket.next() {
             match question {
-                Err(why) => visitor.tell(&Answer::Refused(why)),
-                Ok(Question::Status) => visitor.tell(&Answer::Done(self.status())),
+                Err(why) => caller.tell(&Answer::Refused(why)),
+                Ok(Question::Status) => caller.tell(&Answer::Done(self.status())),
                 Ok(Question::Swap(_)) if self.swap.is_some() => {
-                    visitor.tell(&Answer::Refused("another swap is under way".to_owned()));
+                    caller.tell(&Answer::Refused("another swap is under way".to_owned()));
                 }
                 Ok(Question::Swap(asked)) => {
                     self.heads.forget_gaps();
                     let (plan, lost) = (self.plan.clone(), self.lost());
-                    let begun = Swap::begin(&plan, &asked, visitor, &mut self.around(lost));
+                    let begun = Swap::begin(&plan, &asked, caller, &mut self.around(lost));
                     match begun {
                         Ok(swap) => self.swap = Some(swap),
-                        Err((visitor, error)) => {
-                            visitor.tell(&Answer::Refused(format!("{error:#}")));
+                        Err((caller, error)) => {
+                            caller.tell(&Answer::Refused(format!("{error:#}")));
                         }
                     }
                 }
@@ -461,7 +465,7 @@ impl<'a> Run<'a> {
         match finished {
             Finished::Done(plan, report) => {
                 let (process, from, to) = (&report.process, &report.from, &report.to);
-                let (episode, step) = report.border.unwrap_or_default();
+                let (episode, step) = report.handover.unwrap_or_default();
                 self.screen.line(&format!(
                     "SWAP {process}: {from} → {to} from episode {episode} step {step} on"
                 ));
@@ -497,7 +501,7 @@ impl<'a> Run<'a> {
                     "process": NAMES[child.place],
                     "index": child.index,
                     "pid": child.pid(),
-                    "phase": format!("{:?}", child.phase),
+                    "phase": child.phase.name(),
                     "kind": self.plan.kind_of(child.place),
                     "position": self.heads.newest(child.place),
                 })
@@ -527,16 +531,16 @@ impl<'a> Run<'a> {
                 let finished = self.ending.reports[ended.place]
                     .is_some_and(|report| report.state() == Ok(ProcessState::Finished));
                 let died = match ended.phase {
-                    Phase::Speaking => !finished,
+                    Phase::Active => !finished,
                     Phase::Starting => !ended.well,
-                    Phase::StandingBy | Phase::Leaving => false,
+                    Phase::Standby | Phase::Leaving => false,
                 };
                 if died || matches!(ended.cause, Cause::Crash | Cause::Signal) {
                     self.supervisor.note(&ended, &self.heads);
                 }
                 continue;
             }
-            let patience = if self.children.speaker(RECORDER).is_some() {
+            let patience = if self.children.active(RECORDER).is_some() {
                 STOP_RECORDER_NS
             } else {
                 STOP_NS

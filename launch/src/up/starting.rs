@@ -2,7 +2,7 @@
 //! something of the set meanwhile is answered, and it can be suspended and ended.
 
 use super::children::Children;
-use super::door::Door;
+use super::control_socket::ControlSocket;
 use super::plan::Plan;
 use crate::process::NAMES;
 use crate::suspend::Suspension;
@@ -23,7 +23,7 @@ const LOOK_NS: u64 = 20 * MS;
 pub fn learn(
     plan: &mut Plan,
     launcher: &mut Launcher,
-    door: &mut Door,
+    socket: &mut ControlSocket,
     suspension: &Suspension,
 ) -> Result<()> {
     if !plan.must_learn() {
@@ -32,13 +32,13 @@ pub fn learn(
     let (mut learning, run) = (plan.clone(), launcher.arguments().clone());
     let thread = std::thread::spawn(move || learning.learn(&run).map(|()| learning));
     while !thread.is_finished() {
-        let mut watched: Vec<_> = door.descriptors().collect();
+        let mut watched: Vec<_> = socket.descriptors().collect();
         watched.push(suspension.descriptor());
         if launcher.wait(&watched, Some(now_ns() + LOOK_NS))? == LauncherWake::Stop {
             bail!("interrupted while it learned about the person");
         }
         suspension.heed(|_| ());
-        door.answer_early(
+        socket.answer_early(
             || early_status(plan, "learning"),
             "the set still learns what it takes of the person: the swap begins when it drives",
         );
@@ -57,7 +57,7 @@ pub fn wait_ready(
     plan: &Plan,
     launcher: &mut Launcher,
     children: &mut Children,
-    door: &mut Door,
+    socket: &mut ControlSocket,
     suspension: &Suspension,
 ) -> Result<()> {
     let deadline = now_ns() + READY_NS;
@@ -65,7 +65,7 @@ pub fn wait_ready(
     while !missing.is_empty() {
         let mut watched = children.descriptors();
         let living = watched.len();
-        watched.extend(door.descriptors());
+        watched.extend(socket.descriptors());
         watched.push(suspension.descriptor());
         match launcher.wait(&watched, Some(deadline))? {
             LauncherWake::Report => {
@@ -86,7 +86,7 @@ pub fn wait_ready(
             }
             LauncherWake::Child(_) => {
                 suspension.heed(|signal| children.suspend(signal));
-                door.answer_early(
+                socket.answer_early(
                     || early_status(plan, "starting"),
                     "the set is just starting: the swap begins when it drives",
                 );

@@ -7,9 +7,9 @@ use super::swap::SwapReport;
 use super::tally::{Episode, Tally};
 use crate::place::ItemNames;
 use crate::process::NAMES;
-use crate::units::{count, time_us};
 use anyhow::{Context, Result};
 use messages::{ProcessState, Report};
+use profiler::units::{count, time_us};
 use recorder::result::RecorderResult;
 use runtime::{ClockMode, text_of};
 use serde::Serialize;
@@ -538,7 +538,7 @@ impl Summary {
             );
         }
         for swap in &self.swaps {
-            let (episode, step) = swap.border.unwrap_or_default();
+            let (episode, step) = swap.handover.unwrap_or_default();
             let _ = writeln!(
                 out,
                 "SWAPPED {}: {} → {} from episode {episode} step {step} on; steps without an answer {}",

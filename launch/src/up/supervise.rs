@@ -84,7 +84,7 @@ struct Vacancy {
     due_ns: Option<u64>,
     /// Deaths in a row.
     in_a_row: u32,
-    /// When the last process began to speak.
+    /// When the last process became active.
     since_ns: u64,
 }
 
@@ -202,15 +202,15 @@ fn pause_ns(in_a_row: u32) -> u64 {
     }
 }
 
-/// From where on a process speaks whose predecessor died.
-pub fn border_after_death(clock: ClockMode, heads: &Heads, place: usize) -> Position {
+/// From where on a process is active whose predecessor died.
+pub fn handover_after_death(clock: ClockMode, heads: &Heads, place: usize) -> Position {
     match clock {
         ClockMode::Lockstep => last_words(heads, place),
-        ClockMode::RealTime => next_border(heads, place), // nobody waits for what was missed
+        ClockMode::RealTime => next_handover(heads, place), // nobody waits for what was missed
     }
 }
 
-/// From where on a process speaks that was started again in lockstep: it repeats its predecessor's last words, for a process that is killed
+/// From where on a process is active that was started again in lockstep: it repeats its predecessor's last words, for a process that is killed
 /// while it sends has told some and not others. A human model's belief also has a planner that was asking begin again. A
 /// world begins a new episode.
 fn last_words(heads: &Heads, place: usize) -> Position {
@@ -221,9 +221,9 @@ fn last_words(heads: &Heads, place: usize) -> Position {
     }
 }
 
-/// From where on a process speaks that was started again in real time: after its predecessor's last words. A human model repeats
+/// From where on a process is active that was started again in real time: after its predecessor's last words. A human model repeats
 /// its last belief, as above.
-pub fn next_border(heads: &Heads, place: usize) -> Position {
+pub fn next_handover(heads: &Heads, place: usize) -> Position {
     let newest = heads.newest(place);
     match (NAMES[place], newest) {
         (_, None) => (0, 0),

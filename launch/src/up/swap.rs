@@ -1,13 +1,13 @@
 //! Replacing a process while the set runs: the new one starts beside the old, reads what it reads until it has caught up,
-//! and takes over at a step border. The old publishes until the step before, the new from it on.
+//! and takes over at a step that both agree on, the handover step. The old publishes until the step before, the new from it on.
 //!
-//! Until the border is crossed, whatever goes wrong leaves the old process in charge.
+//! Until the handover step is crossed, whatever goes wrong leaves the old process in charge.
 
 use super::children::{Children, Phase};
-use super::door::{Answer, Replacement, Visitor, Waiting};
+use super::control_socket::{Answer, Caller, Replacement, WaitNotice};
 use super::heads::Heads;
 use super::plan::Plan;
-use super::supervise::{Supervisor, border_after_death};
+use super::supervise::{Supervisor, handover_after_death};
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Result, anyhow};
@@ -23,13 +23,13 @@ const START_NS: u64 = 60_000 * MS;
 const CATCH_UP_NS: u64 = 30_000 * MS;
 /// How long an answer to an agreement may take: longer than any process computes without looking up.
 const AGREE_NS: u64 = 5_000 * MS;
-/// The border lies this far ahead, so that both have heard of it before they come to it.
+/// The handover step lies this far ahead, so that both have heard of it before they come to it.
 const AHEAD_NS: u64 = 250 * MS;
 /// How long an old process may take to say what it still owes, once the new one has spoken.
 const OWED_NS: u64 = 2_000 * MS;
-/// Steps after the border that are still watched.
+/// Steps after the handover step that are still watched.
 const AFTERWARDS: u32 = 4;
-/// How long crossing the border may take; in lockstep a driver's or a world's episode has to end first.
+/// How long crossing the handover step may take; in lockstep a driver's or a world's episode has to end first.
 const CROSS_NS: u64 = 600_000 * MS;
 /// How often who asked is told what is waited for.
 const TELL_NS: u64 = 1_000 * MS;
@@ -45,17 +45,18 @@ pub struct SwapReport {
     pub from: String,
     /// And after.
     pub to: String,
-    /// Episode and step from which on the new process speaks.
-    pub border: Option<Position>,
-    /// Steps that no process spoke of, from the border's agreement to some steps after it.
+    /// Episode and step from which on the new process is active.
+    #[serde(rename = "border")]
+    pub handover: Option<Position>,
+    /// Steps that no process was active at, from the agreement on the handover step to some steps after it.
     pub ticks_without_answer: u64,
     /// Answers of that time that came later than a step after the world had sensed what they go back to.
     pub late_answers: u64,
     /// Messages that any port lost meanwhile.
     pub lost_messages: u64,
-    /// Longest time between two of the process's messages, across the border, in ms.
+    /// Longest time between two of the process's messages, across the handover step, in ms.
     pub longest_gap_ms: f64,
-    /// Agreements on a border that came too late.
+    /// Agreements on a handover step that came too late.
     pub tries: u32,
     /// Learning, if the new human model had to, in ms.
     pub learn_ms: f64,
@@ -63,11 +64,11 @@ pub struct SwapReport {
     pub start_ms: f64,
     /// From there until it had caught up, in ms.
     pub catch_up_ms: f64,
-    /// From there until both had agreed to the border, in ms.
+    /// From there until both had agreed to the handover step, in ms.
     pub agree_ms: f64,
     /// From there until the new process had spoken, in ms.
     pub cross_ms: f64,
-    /// Whether the old process died before the border, so that the new took over at once.
+    /// Whether the old process died before the handover step, so that the new took over at once.
     pub old_died: bool,
 }
 
@@ -88,15 +89,15 @@ pub struct Swap {
     place: usize,
     /// What the launcher starts from now on, once the swap is done.
     plan: Plan,
-    visitor: Option<Visitor>,
+    caller: Option<Caller>,
     old: Option<u32>,
     new: Option<u32>,
     stage: Stage,
     since_ns: u64,
-    border: Position,
+    handover: Position,
     before: (u64, u64, u64),
     report: SwapReport,
-    /// When the visitor was last told what is waited for, and of which stage.
+    /// When the caller was last told what is waited for, and of which stage.
     told: Option<(u64, u64)>,
 }
 
@@ -131,18 +132,18 @@ impl Swap {
     pub fn begin(
         plan: &Plan,
         asked: &Replacement,
-        visitor: Visitor,
+        caller: Caller,
         around: &mut Around,
-    ) -> Result<Self, (Visitor, anyhow::Error)> {
+    ) -> Result<Self, (Caller, anyhow::Error)> {
         let found = NAMES.iter().position(|name| *name == asked.process);
         let Some(place) = found else {
             let names = NAMES.join(", ");
             let error = anyhow!("there is no process {:?}; there are {names}", asked.process);
-            return Err((visitor, error));
+            return Err((caller, error));
         };
         let changed = match plan.changed(place, asked) {
             Ok(changed) => changed,
-            Err(error) => return Err((visitor, error)),
+            Err(error) => return Err((caller, error)),
         };
         let report = SwapReport {
             process: asked.process.clone(),
@@ -153,12 +154,12 @@ impl Swap {
         let mut swap = Self {
             place,
             plan: changed,
-            visitor: Some(visitor),
-            old: around.children.speaker(place).map(|child| child.index),
+            caller: Some(caller),
+            old: around.children.active(place).map(|child| child.index),
             new: None,
             stage: Stage::Starting,
             since_ns: now_ns(),
-            border: NEVER,
+            handover: NEVER,
             before: (0, 0, 0),
             report,
             told: None,
@@ -170,8 +171,8 @@ impl Swap {
                 Ok(plan)
             }));
         } else if let Err(error) = swap.start(around) {
-            return match swap.visitor.take() {
-                Some(visitor) => Err((visitor, error)),
+            return match swap.caller.take() {
+                Some(caller) => Err((caller, error)),
                 None => Ok(swap), // never: it was put there above
             };
         }
@@ -241,8 +242,10 @@ impl Swap {
             }
             Stage::Crossing => {
                 let head = around.heads.of(self.place);
-                let crossed = head.newest.is_some_and(|(newest, _)| newest >= self.border);
-                // An old process that is slower may still owe steps before the border.
+                let crossed = head
+                    .newest
+                    .is_some_and(|(newest, _)| newest >= self.handover);
+                // An old process that is slower may still owe steps before the handover step.
                 let owes_nothing = head.left_out <= self.before.0;
                 if crossed && (owes_nothing || waited > OWED_NS) {
                     self.report.cross_ms = self.enter(Stage::Settling);
@@ -252,7 +255,7 @@ impl Swap {
                 }
             }
             Stage::Settling => {
-                let (episode, step) = self.border;
+                let (episode, step) = self.handover;
                 let settled = around.heads.newest(self.place) >= Some((episode, step + AFTERWARDS));
                 let old_is_gone = self
                     .old
@@ -284,7 +287,7 @@ impl Swap {
         if now < due_ns {
             return;
         }
-        let waiting = Waiting {
+        let waiting = WaitNotice {
             what: format!("{}: {}", self.report.process, self.waits_for()),
             so_far: around
                 .heads
@@ -293,8 +296,8 @@ impl Swap {
                     format!("episode {episode} is at step {step}")
                 }),
         };
-        if let Some(visitor) = &mut self.visitor {
-            visitor.tell_waiting(waiting);
+        if let Some(caller) = &mut self.caller {
+            caller.tell_waiting(waiting);
         }
         self.told = Some((self.since_ns, now));
     }
@@ -309,11 +312,11 @@ impl Swap {
             Stage::AskingNew | Stage::AskingOld => "old and new agree when to change".to_owned(),
             Stage::TakingOver => format!("the old one died, and {to} goes on in its place"),
             Stage::Crossing if self.waits_for_episode() => {
-                let before = self.border.0.saturating_sub(1);
+                let before = self.handover.0.saturating_sub(1);
                 format!("changes between two episodes: {to} waits for the end of episode {before}")
             }
             Stage::Crossing => {
-                let (episode, step) = self.border;
+                let (episode, step) = self.handover;
                 format!("{to} waits for episode {episode}, step {step}")
             }
             Stage::Settling => format!("{to} has taken over; its first steps are watched"),
@@ -331,7 +334,7 @@ impl Swap {
         if matches!(
             state,
             Ok(ProcessState::HandoverAgreed | ProcessState::TooLate)
-        ) && about != self.border
+        ) && about != self.handover
         {
             return Ok(None); // an answer to an earlier proposal
         }
@@ -341,7 +344,7 @@ impl Swap {
                 if self.old.is_none() {
                     self.take_over_at_once(around)?;
                 } else {
-                    self.set_phase(around, Phase::StandingBy);
+                    self.set_phase(around, Phase::Standby);
                     around.launcher.start_process(report.index)?;
                     around.launcher.connect_all()?;
                     if self.waits_for_episode() {
@@ -359,17 +362,17 @@ impl Swap {
             }
             (Stage::AskingOld, Ok(ProcessState::HandoverAgreed)) if index == self.old => {
                 self.report.agree_ms += self.enter(Stage::Crossing);
-                self.report.border = Some(self.border);
+                self.report.handover = Some(self.handover);
             }
             (Stage::Crossing, Ok(ProcessState::Retired))
                 if index == self.old && self.place == WORLD && self.new.is_some() =>
             {
                 if let Some(new) = self.new {
-                    around.launcher.take_over(new, self.border)?;
+                    around.launcher.take_over(new, self.handover)?;
                 }
             }
             (Stage::TakingOver, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
-                self.report.border = Some(self.border);
+                self.report.handover = Some(self.handover);
                 self.report.agree_ms += self.enter(Stage::Crossing);
                 around.supervisor.is_back(self.place);
             }
@@ -434,7 +437,7 @@ impl Swap {
         Ok(None)
     }
 
-    /// Ends it: tells who asked, and, if it failed, has the old process speak on and ends the new one.
+    /// Ends it: tells who asked, and, if it failed, keeps the old process active and ends the new one.
     ///
     /// # Errors
     /// When the launcher's own ports fail.
@@ -454,8 +457,8 @@ impl Swap {
                 Answer::Refused(format!("{} stays as it is: {why}", self.report.process))
             }
         };
-        if let Some(visitor) = self.visitor.take() {
-            visitor.tell(&answer);
+        if let Some(caller) = self.caller.take() {
+            caller.tell(&answer);
         }
         Ok(())
     }
@@ -475,7 +478,7 @@ impl Swap {
         matches!(NAMES[self.place], "world" | "driver")
     }
 
-    /// Chooses a border and proposes it to the new process.
+    /// Chooses a handover step and proposes it to the new process.
     fn agree(&mut self, around: &mut Around) -> Result<()> {
         self.report.tries += 1;
         let (episode, step) = around.heads.newest(self.place).unwrap_or_default();
@@ -483,7 +486,7 @@ impl Swap {
         let later = self.report.tries - 1;
         // Where episodes are short, several may begin in that time.
         let episodes = ((ahead / around.episode_steps.max(1.0)) as u32) << later;
-        self.border = if self.waits_for_episode() {
+        self.handover = if self.waits_for_episode() {
             (episode + 1 + episodes, 0)
         } else if episodes > 0 {
             (episode + episodes, 0)
@@ -498,7 +501,7 @@ impl Swap {
         match self.new {
             // A world acts by itself: it is told when the old one has stopped.
             Some(_) if self.place == WORLD => self.ask_old(around),
-            Some(new) => Ok(around.launcher.take_over(new, self.border)?),
+            Some(new) => Ok(around.launcher.take_over(new, self.handover)?),
             None => Ok(()),
         }
     }
@@ -506,7 +509,7 @@ impl Swap {
     fn ask_old(&mut self, around: &mut Around) -> Result<()> {
         self.report.agree_ms += self.enter(Stage::AskingOld);
         match self.old {
-            Some(old) => Ok(around.launcher.hand_over(old, self.border)?),
+            Some(old) => Ok(around.launcher.hand_over(old, self.handover)?),
             None => self.take_over_at_once(around),
         }
     }
@@ -523,18 +526,18 @@ impl Swap {
     /// The old process is gone: the new one goes on where it stopped.
     fn take_over_at_once(&mut self, around: &mut Around) -> Result<()> {
         let clock = around.launcher.arguments().clock;
-        self.border = border_after_death(clock, around.heads, self.place);
+        self.handover = handover_after_death(clock, around.heads, self.place);
         self.enter(Stage::TakingOver);
         if let Some(new) = self.new {
-            self.set_phase(around, Phase::Speaking);
-            around.launcher.take_over(new, self.border)?;
+            self.set_phase(around, Phase::Active);
+            around.launcher.take_over(new, self.handover)?;
             around.launcher.connect_all()?;
         }
         Ok(())
     }
 
     fn retire_old(&mut self, around: &mut Around) -> Result<()> {
-        self.set_phase(around, Phase::Speaking);
+        self.set_phase(around, Phase::Active);
         if let Some(child) = self.old.and_then(|old| around.children.get_mut(old)) {
             child.phase = Phase::Leaving;
             around.launcher.stop_process(child.index)?;

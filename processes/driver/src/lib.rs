@@ -85,7 +85,7 @@ fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<
         );
         let stamp = Stamp::of(header);
         // Somebody else's episode: a person takes the wheel between two, or where a dead process left it.
-        if !node.speaks(stamp.episode, stamp.step) {
+        if !node.is_active(stamp.episode, stamp.step) {
             node.pass(stamp.episode, stamp.step);
             node.end_step();
             continue;

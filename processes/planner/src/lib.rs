@@ -1,11 +1,11 @@
 //! The planner process: decides at step k what to communicate at k + 1, by imagining the robot's world and the person in
 //! it together (DESIGN §6).
 
-mod desk;
+mod planner_state;
 mod remote;
 
-pub use desk::Desk;
-pub use remote::{RemotePeople, Waiting};
+pub use planner_state::PlannerState;
+pub use remote::{PendingAnswers, RemotePeople};
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
@@ -110,16 +110,16 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
                 .model
                 .as_ref()
                 .context("planner options: methods `ce` and `kl` need a model")?;
-            let desk = match &options.scenario {
+            let state = match &options.scenario {
                 Scenario::Highway(()) => {
-                    Desk::highway(options, models::checkpoint::load_self_model(path)?)
+                    PlannerState::highway(options, models::checkpoint::load_self_model(path)?)
                 }
                 Scenario::Gridworld(scene) => {
                     let layout = models::words::layout_of(scene)?;
-                    Desk::gridworld(options, Arc::new(DiscreteModel::load(path, layout)?))
+                    PlannerState::gridworld(options, Arc::new(DiscreteModel::load(path, layout)?))
                 }
             };
-            decide(node, options, desk)
+            decide(node, options, state)
         }
     })
 }
@@ -131,7 +131,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 pub fn run_with(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
     options.check()?;
     run_process(arguments, |node| {
-        decide(node, options, Desk::highway(options, model.clone()))
+        decide(node, options, PlannerState::highway(options, model.clone()))
     })
 }
 
@@ -162,7 +162,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
 }
 
 /// Sends planned decisions.
-fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
+fn decide(node: &mut Node, options: &Options, mut state: PlannerState) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = Receive::in_clock(node.arguments().clock);
     let mut robot = node
@@ -173,7 +173,7 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut client = node.request_client()?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
-    let mut waiting = Waiting::new(options.settings.samples, desk.actions());
+    let mut pending = PendingAnswers::new(options.settings.samples, state.actions());
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
     node.needs_no_catching_up();
 
@@ -191,16 +191,16 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
         };
         let stamp = Stamp::of(&belief.header);
         let decided = stamp.next();
-        if !node.speaks(decided.episode, decided.step) {
+        if !node.is_active(decided.episode, decided.step) {
             node.pass(decided.episode, decided.step);
             node.end_step();
             continue;
         }
-        if belief.latent as usize != desk.latent() {
+        if belief.latent as usize != state.latent() {
             bail!(
                 "belief/robot has {} dimensions, the planner's self-model {}",
                 belief.latent,
-                desk.latent()
+                state.latent()
             );
         }
         let deadline_ns = patience_ns.map(|patience| now_ns() + patience);
@@ -232,11 +232,11 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
                 client: &mut client,
                 stamp,
                 patience_ns,
-                hears: desk.hears(),
-                waiting: &mut waiting,
+                hears: state.hears(),
+                pending: &mut pending,
                 successor: lockstep.then_some(&mut human),
             };
-            match desk.plan(belief, acted, speech_ready_s, &mut people) {
+            match state.plan(belief, acted, speech_ready_s, &mut people) {
                 Err(PeopleError::Replaced) => {
                     client.give_up();
                     human.take()?;
@@ -244,9 +244,9 @@ fn decide(node: &mut Node, options: &Options, mut desk: Desk) -> Result<()> {
                 decision => break decision,
             }
         };
-        let late = !lockstep && now_ns() > belief.header.cause_ns + desk.step_ns();
+        let late = !lockstep && now_ns() > belief.header.cause_ns + state.step_ns();
         match decision {
-            Ok(()) => decisions.send_with(stamp.next(), |out| desk.write(late, out))?,
+            Ok(()) => decisions.send_with(stamp.next(), |out| state.write(late, out))?,
             Err(PeopleError::Stopped) => break,
             Err(error @ PeopleError::Unreachable(_)) => return Err(error.into()),
             Err(

@@ -9,21 +9,21 @@ use planning::{ImaginedPeople, PeopleError};
 use runtime::{Input, Node, NodeError, PortError, RequestClient, Stamp, Wake, now_ns};
 
 /// Answers that came while another group's was awaited; kept by the loop, so that planning allocates nothing.
-pub struct Waiting {
-    groups: [Place; GROUPS],
+pub struct PendingAnswers {
+    groups: [PendingAnswer; GROUPS],
 }
 
-struct Place {
+struct PendingAnswer {
     actions: Tensor,
     rows: usize,
     answered: bool,
 }
 
-impl Waiting {
+impl PendingAnswers {
     /// Room for groups of together `samples` people, each with so many numbers to an action.
     pub fn new(samples: usize, actions: usize) -> Self {
         Self {
-            groups: core::array::from_fn(|_| Place {
+            groups: core::array::from_fn(|_| PendingAnswer {
                 actions: Tensor::new(actions, samples / GROUPS),
                 rows: 0,
                 answered: false,
@@ -45,7 +45,7 @@ pub struct RemotePeople<'a> {
     /// Whether people hear words without an assistant.
     pub hears: bool,
     /// Answers not fetched yet.
-    pub waiting: &'a mut Waiting,
+    pub pending: &'a mut PendingAnswers,
     /// In lockstep, where a human model that has taken the place of a dead one repeats this step's belief.
     pub successor: Option<&'a mut Input<HumanBelief>>,
 }
@@ -57,8 +57,8 @@ impl RemotePeople<'_> {
         rows: usize,
         write: impl FnOnce(&mut ImagineRequest),
     ) -> Result<(), PeopleError> {
-        self.waiting.groups[group].answered = false;
-        self.waiting.groups[group].rows = rows;
+        self.pending.groups[group].answered = false;
+        self.pending.groups[group].rows = rows;
         let sent = self.client.ask(self.stamp, |question| {
             question.group = group as u32;
             question.rows = rows as u32;
@@ -92,7 +92,7 @@ impl RemotePeople<'_> {
         if (header.episode, header.step) != (self.stamp.episode, self.stamp.step) {
             return Ok(()); // an answer to a plan that was given up
         }
-        let Some(place) = self.waiting.groups.get_mut(answer.group as usize) else {
+        let Some(place) = self.pending.groups.get_mut(answer.group as usize) else {
             return Ok(());
         };
         let rows = answer.rows as usize;
@@ -161,12 +161,12 @@ impl ImaginedPeople for RemotePeople<'_> {
 
     fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
         let deadline_ns = self.patience_ns.map(|patience| now_ns() + patience);
-        while !self.waiting.groups[group].answered {
+        while !self.pending.groups[group].answered {
             self.next_answer(deadline_ns)?;
             self.keep()?;
         }
-        self.waiting.groups[group].answered = false;
-        actions.copy_from(&self.waiting.groups[group].actions);
+        self.pending.groups[group].answered = false;
+        actions.copy_from(&self.pending.groups[group].actions);
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use models::imagined::ImaginedGroups;
 use models::utterances::{Said, UtteranceTable};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
-use planner::Desk;
+use planner::PlannerState;
 use planning::LocalPeople;
 use planning::planner::GROUPS;
 use support::{Script, Set};
@@ -67,7 +67,7 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
     let model = support::self_model();
     let mut human = support::human();
     let mut tracker = belief::Tracker::new(support::self_model());
-    let mut desk = Desk::highway(&options, model.clone());
+    let mut state = PlannerState::highway(&options, model.clone());
     let table = UtteranceTable::shipped().expect("the table ships");
     let rows = options.settings.samples / GROUPS;
     let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
@@ -106,10 +106,11 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             };
             taken = [action.throttle, action.steer];
             let ready_s = display.speech_ready_s;
-            desk.plan(&robot, Some(&action), ready_s, &mut local)
+            state
+                .plan(&robot, Some(&action), ready_s, &mut local)
                 .expect("local people answer");
             let mut out = CommAction::ZERO;
-            desk.write(false, &mut out);
+            state.write(false, &mut out);
             decisions.push(out);
         }
     }
@@ -174,7 +175,7 @@ fn another_seed_decides_otherwise() {
         options.seed = seed;
         let model = support::self_model();
         let mut human = support::human();
-        let mut desk = Desk::highway(&options, model.clone());
+        let mut state = PlannerState::highway(&options, model.clone());
         let rows = options.settings.samples / GROUPS;
         let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
         let mut pending = vec![Tensor::new(2, rows); GROUPS];
@@ -187,10 +188,11 @@ fn another_seed_decides_otherwise() {
             groups: &mut groups,
             pending: &mut pending,
         };
-        desk.plan(&robot, None, 0.0, &mut local)
+        state
+            .plan(&robot, None, 0.0, &mut local)
             .expect("local people answer");
         let mut out = CommAction::ZERO;
-        desk.write(false, &mut out);
+        state.write(false, &mut out);
         (out.visual_probability, out.verbal_probability)
     };
     assert_eq!(probabilities(1), probabilities(1));

@@ -119,7 +119,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
                 match node.wait_step(&mut [&mut self.decision], episode, step, None)? {
                     Wake::Stop => break,
                     // Who joined late has no decision for its first frames; they are not its own to show.
-                    Wake::Passed if !node.speaks(episode, step) => continue,
+                    Wake::Passed if !node.is_active(episode, step) => continue,
                     _ => {}
                 }
             }
@@ -172,7 +172,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
             }
             let shown = self.shown.as_ref().and_then(Input::message);
             self.renderer.follow(episode, shown);
-        } else if node.speaks(episode, step) {
+        } else if node.is_active(episode, step) {
             self.shown = None; // from here on, it is this one's own
         }
         let mut display = self.display.loan()?;
@@ -182,7 +182,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
             assistance.look(header, self.decision.message(), &mut display);
         }
         if let Some(events) = &mut self.events
-            && node.speaks(episode, step)
+            && node.is_active(episode, step)
         {
             self.picture.take()?;
             if let Some(picture) = self.picture.message() {
@@ -198,7 +198,7 @@ impl<R: Render, T: Tell<Sensed = R::Sensed>> Process<R, T> {
     fn tell_outcomes(&mut self, node: &Node) -> Result<()> {
         while self.outcome.take()? {
             if let (Some(events), Some(outcome)) = (&mut self.events, self.outcome.message())
-                && node.speaks(outcome.header.episode, outcome.header.step)
+                && node.is_active(outcome.header.episode, outcome.header.step)
             {
                 let _ = events.outcome(outcome);
             }

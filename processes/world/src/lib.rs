@@ -45,13 +45,12 @@ fn drive<T: Truth>(node: &mut Node, options: &Options, mut world: T) -> Result<(
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    // A world that stands by begins with the episode that it is told to.
-    let stands_by = node.stands_by();
-    if stands_by && node.wait_turn(NEVER.0 - 1, 0)? == Wake::Stop {
+    // A world that is on standby begins with the episode that it is told to.
+    if node.is_standby() && node.wait_turn(NEVER.0 - 1, 0)? == Wake::Stop {
         return Ok(());
     }
-    for episode in node.turn().0..options.episodes {
-        if !node.speaks(episode, 0) {
+    for episode in node.active_from().0..options.episodes {
+        if !node.is_active(episode, 0) {
             node.retire()?;
             if node.wait_turn(episode, 0)? == Wake::Stop {
                 break;

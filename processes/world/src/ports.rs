@@ -31,7 +31,7 @@ impl<S: Sensed> Ports<S> {
     /// Makes them.
     pub fn new(node: &Node) -> Result<Self> {
         let receive = Receive::in_clock(node.arguments().clock);
-        // Looked at once a step; without a bell, nobody has to ring it a thousand times a second.
+        // Looked at once a step; where it wakes nobody, nobody has to notify it a thousand times a second.
         let asleep = InputOptions {
             wakes: false,
             ..InputOptions::new(Receive::Newest)
@@ -120,7 +120,7 @@ impl<S: Sensed> Ports<S> {
     }
 }
 
-/// Waits for inputs without a bell by looking every [`LOOK_NS`].
+/// Waits for inputs that do not wake by looking every [`LOOK_NS`].
 fn look_until(mut look: impl FnMut(u64) -> Result<Wake, NodeError>) -> Result<Wake> {
     loop {
         match look(now_ns() + LOOK_NS)? {

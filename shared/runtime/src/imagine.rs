@@ -142,7 +142,7 @@ impl RequestServer {
 
     /// Takes every question that waits and answers it in place: `answer` gets the question and the answer, whose group,
     /// phase and rows are filled in and whose actions still hold older numbers. A question about a step that is not this
-    /// process's to speak of is left to the process whose it is.
+    /// process's turn is left to the process whose it is.
     ///
     /// # Errors
     /// [`PortError`].
@@ -153,7 +153,7 @@ impl RequestServer {
     ) -> Result<(), PortError> {
         while self.questions.take()? {
             if let Some(question) = self.questions.message()
-                && node.speaks(question.header.episode, question.header.step)
+                && node.is_active(question.header.episode, question.header.step)
             {
                 self.answer_one(question, &mut answer)?;
             }

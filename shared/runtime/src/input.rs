@@ -3,7 +3,7 @@
 use crate::arguments::ClockMode;
 use crate::error::PortError;
 use crate::output::Connect;
-use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_bell, open_topic};
+use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_topic, open_wake_event};
 use crate::shared::Shared;
 use crate::transport::{RawSubscriber, Received};
 use core::cell::Cell;
@@ -159,7 +159,7 @@ impl<M: Message> Input<M> {
         };
         let sizes = Sizes::of::<M>(topic);
         let listener = if options.wakes {
-            let listener = open_bell(&shared.node, topic)?
+            let listener = open_wake_event(&shared.node, topic)?
                 .listener_builder()
                 .create()
                 .map_err(|error| create(format!("{error:?}")))?;

@@ -6,11 +6,11 @@ use crate::error::{NodeError, PortError};
 use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
 use crate::output::{Output, Stamp};
-use crate::role::Position;
-use crate::service::{open_bell, open_topic};
+use crate::service::{open_topic, open_wake_event};
 use crate::shared::Shared;
 use crate::signal;
 use crate::sleeper::{Sleeper, Woken};
+use crate::turn::Position;
 use messages::{Control, ControlCommand, Message, ProcessState, Progress, Report, topic};
 use std::any::Any;
 use std::os::fd::RawFd;
@@ -202,7 +202,7 @@ impl Launcher {
         self.command(ControlCommand::Start, Control::EVERYBODY, (0, 0))
     }
 
-    /// Starts one process, such as one that stands by, by its place in launch order.
+    /// Starts one process, such as one that is on standby, by its place in launch order.
     ///
     /// # Errors
     /// [`PortError`].
@@ -210,22 +210,22 @@ impl Launcher {
         self.command(ControlCommand::Start, index, (0, 0))
     }
 
-    /// Has a process speak from `border` on, and starts it if it is not running yet. It answers with
+    /// Has a process be active from `handover_step` on, and starts it if it is not running yet. It answers with
     /// [`ProcessState::HandoverAgreed`] or [`ProcessState::TooLate`].
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn take_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
-        self.command(ControlCommand::TakeOver, index, border)
+    pub fn take_over(&mut self, index: u32, handover_step: Position) -> Result<(), PortError> {
+        self.command(ControlCommand::TakeOver, index, handover_step)
     }
 
-    /// Has a process be silent from `border` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It answers as for
+    /// Has a process be silent from `handover_step` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It answers as for
     /// [`Launcher::take_over`].
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn hand_over(&mut self, index: u32, border: Position) -> Result<(), PortError> {
-        self.command(ControlCommand::HandOver, index, border)
+    pub fn hand_over(&mut self, index: u32, handover_step: Position) -> Result<(), PortError> {
+        self.command(ControlCommand::HandOver, index, handover_step)
     }
 
     /// Asks everybody to end.
@@ -346,7 +346,7 @@ fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
         kept: &mut Vec<Box<dyn Any>>,
     ) -> Result<(), PortError> {
         kept.push(Box::new(open_topic::<M>(&shared.node, topic)?));
-        kept.push(Box::new(open_bell(&shared.node, topic)?));
+        kept.push(Box::new(open_wake_event(&shared.node, topic)?));
         Ok(())
     }
     let mut kept = Vec::new();

@@ -7,18 +7,18 @@ use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
 use crate::input::{Advance, Input, InputOptions, Receive, Source};
 use crate::output::Output;
-use crate::role::Position;
 use crate::shared::Shared;
 use crate::signal;
 use crate::sleeper::{Sleeper, Woken};
 use crate::timing::StageTimer;
+use crate::turn::Position;
 use messages::{Control, ControlCommand, Message, ProcessState, Report, topic};
 use std::os::fd::RawFd;
 use std::rc::Rc;
 
 /// Steps after which the loop counts as steady: connections stand and buffers have their sizes.
 const WARM_UP_STEPS: u64 = 10;
-/// A process that stands by has caught up after as many steps in a row as the self-model's belief was trained over.
+/// A process that is on standby has caught up after as many steps in a row as the self-model's belief was trained over.
 const CATCH_UP_STEPS: u64 = 8;
 
 /// Why a wait ended.
@@ -178,20 +178,20 @@ impl Node {
         self.stopped || signal::stop_requested()
     }
 
-    /// Whether it is this process's to send what is about this position: not while it stands by, and not from the border on
+    /// Whether it is this process's to send what is about this position: not while it is on standby, and not from the handover step on
     /// at which it handed over. [`Output`]s heed it by themselves; a process asks in order to leave out work.
-    pub fn speaks(&self, episode: u32, step: u32) -> bool {
-        self.shared.role.speaks((episode, step))
+    pub fn is_active(&self, episode: u32, step: u32) -> bool {
+        self.shared.turn.is_active((episode, step))
     }
 
-    /// Whether the process stands by and does not know yet from when on it shall speak.
-    pub fn stands_by(&self) -> bool {
-        self.shared.role.stands_by()
+    /// Whether the process is on standby and does not know yet from when on it is active.
+    pub fn is_standby(&self) -> bool {
+        self.shared.turn.is_standby()
     }
 
-    /// Notes that this position passes without anything computed for it: a border there is refused from now on.
+    /// Notes that this position passes without anything computed for it: a handover step there is refused from now on.
     pub fn pass(&self, episode: u32, step: u32) {
-        self.shared.role.note_passed((episode, step));
+        self.shared.turn.note_passed((episode, step));
     }
 
     /// The process needs no catching up: it keeps nothing from step to step.
@@ -199,16 +199,18 @@ impl Node {
         self.catch_up = self.catch_up.min(1);
     }
 
-    /// Waits until the process speaks of this position, for one that stands by without reading.
+    /// Waits until the process is active at this position, for one that is on standby without reading.
     ///
     /// # Errors
     /// As [`Node::wait`].
     pub fn wait_turn(&mut self, episode: u32, step: u32) -> Result<Wake, NodeError> {
         let shared = self.shared.clone();
-        self.wait_until(&mut [], None, |_| Ok(shared.role.speaks((episode, step))))
+        self.wait_until(&mut [], None, |_| {
+            Ok(shared.turn.is_active((episode, step)))
+        })
     }
 
-    /// Tells the launcher that the process has come to the border from which on it is silent.
+    /// Tells the launcher that the process has come to the handover step from which on it is silent.
     ///
     /// # Errors
     /// [`NodeError::Port`].
@@ -216,9 +218,9 @@ impl Node {
         Ok(self.send_report(ProcessState::Retired, "")?)
     }
 
-    /// From where on the process speaks.
-    pub fn turn(&self) -> Position {
-        self.shared.role.from()
+    /// From where on the process is active.
+    pub fn active_from(&self) -> Position {
+        self.shared.turn.from()
     }
 
     /// Waits until a message waits at any of `sources`, or until `deadline_ns` ([`now_ns`]).
@@ -387,7 +389,7 @@ impl Node {
             {
                 continue;
             }
-            let border = (control.header.episode, step);
+            let handover_step = (control.header.episode, step);
             match command {
                 Ok(command @ (ControlCommand::Start | ControlCommand::TakeOver)) => {
                     // Who joins later does not miss what was sent before.
@@ -396,16 +398,16 @@ impl Node {
                     }
                     self.started = true;
                     if command == ControlCommand::TakeOver {
-                        self.take_over(border)?;
+                        self.take_over(handover_step)?;
                     }
                 }
                 Ok(ControlCommand::Stop) => self.stopped = true,
                 Ok(ControlCommand::Report) => self.send_report(ProcessState::Running, "")?,
                 Ok(ControlCommand::Connect) => self.shared.connect(),
                 Ok(ControlCommand::HandOver) => {
-                    let done = self.shared.role.hand_over(border);
+                    let done = self.shared.turn.hand_over(handover_step);
                     self.shared.release();
-                    self.answer_border(done, border)?;
+                    self.answer_handover(done, handover_step)?;
                 }
                 // A later version's word, or another program's.
                 Err(_) => {}
@@ -414,14 +416,14 @@ impl Node {
         Ok(heard)
     }
 
-    fn take_over(&mut self, border: Position) -> Result<(), NodeError> {
-        let done = self.shared.role.take_over(border);
+    fn take_over(&mut self, handover_step: Position) -> Result<(), NodeError> {
+        let done = self.shared.turn.take_over(handover_step);
         if done {
             self.forget_losses();
             self.shared.connect();
             self.shared.release();
         }
-        self.answer_border(done, border)
+        self.answer_handover(done, handover_step)
     }
 
     fn forget_losses(&mut self) {
@@ -431,12 +433,12 @@ impl Node {
         self.skipped = 0;
     }
 
-    fn answer_border(&self, done: bool, border: Position) -> Result<(), NodeError> {
+    fn answer_handover(&self, done: bool, handover_step: Position) -> Result<(), NodeError> {
         let state = match done {
             true => ProcessState::HandoverAgreed,
             false => ProcessState::TooLate,
         };
-        Ok(self.send_report_at(state, "", border)?)
+        Ok(self.send_report_at(state, "", handover_step)?)
     }
 
     /// Ends a step: its compute time goes into the histogram, and allocations are counted once the loop is steady.
@@ -452,14 +454,14 @@ impl Node {
             }
         }
         self.allocations_before = allocations;
-        if !self.has_spoken && self.shared.role.sent().is_some() {
+        if !self.has_spoken && self.shared.turn.sent().is_some() {
             // What a process missed before its first words is missing nowhere.
             self.has_spoken = true;
             self.forget_losses();
         }
         if self.catch_up > 0 {
             self.catch_up -= 1;
-            if self.catch_up == 0 && self.stands_by() {
+            if self.catch_up == 0 && self.is_standby() {
                 // A report that cannot be sent is missed by the launcher, which then says so.
                 let _ = self.send_report(ProcessState::CaughtUp, "");
             }

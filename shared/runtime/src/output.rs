@@ -3,10 +3,10 @@
 use crate::alloc_count::in_transport;
 use crate::clock::now_ns;
 use crate::error::PortError;
-use crate::role::Position;
-use crate::service::{Ipc, Sizes, open_bell, open_topic};
+use crate::service::{Ipc, Sizes, open_topic, open_wake_event};
 use crate::shared::Shared;
 use crate::transport::{RawLoan, RawPublisher};
+use crate::turn::Position;
 use core::cell::{Cell, RefCell};
 use core::marker::PhantomData;
 use core::ops::{Deref, DerefMut};
@@ -80,7 +80,7 @@ struct Core<M: Message> {
     publisher: RawPublisher,
     notifier: Notifier<Ipc>,
     sequence: Cell<u64>,
-    /// Whether the process's [`Role`](crate::role::Role) decides what is sent.
+    /// Whether the process's [`Turn`](crate::turn::Turn) decides what is sent.
     gated: bool,
     /// Written while the process had to be silent.
     held: RefCell<VecDeque<Held>>,
@@ -113,7 +113,7 @@ impl<M: Message> Core<M> {
             && let Some((oldest, _)) = held.pop_front()
             && let Some(shared) = self.shared.upgrade()
         {
-            shared.role.note_passed(oldest.position());
+            shared.turn.note_passed(oldest.position());
         }
         held.push_back((stamp, sample));
     }
@@ -129,13 +129,13 @@ impl<M: Message> Connect for Core<M> {
             let Some((stamp, mut sample)) = held.pop_front() else {
                 break;
             };
-            if shared.role.speaks(stamp.position()) {
+            if shared.turn.is_active(stamp.position()) {
                 if let Some(header) = sample.message_mut::<M>().header_mut() {
                     header.sent_ns = now_ns();
                 }
                 // What fails here fails again, and is reported, at the next send.
                 let _ = self.send(sample);
-                shared.role.note_sent(stamp.position());
+                shared.turn.note_sent(stamp.position());
             } else {
                 held.push_back((stamp, sample));
             }
@@ -166,7 +166,7 @@ impl<M: Message> Output<M> {
         let service = open_topic::<M>(&shared.node, topic)?;
         // A service's arithmetic would reserve the recorder's buffer for everybody; see `Sizes`.
         let publisher = RawPublisher::create(&service, MOST_HELD + 4, slots).map_err(create)?;
-        let notifier = open_bell(&shared.node, topic)?
+        let notifier = open_wake_event(&shared.node, topic)?
             .notifier_builder()
             .default_event_id(EventId::new(0))
             .create()
@@ -260,8 +260,8 @@ pub struct Loan<'output, M: Message> {
 }
 
 impl<M: Message> Loan<'_, M> {
-    /// Stamps the header, sends the message and wakes those who wait for it. A process that stands by, or has handed
-    /// over, holds it back instead: see [`Node::speaks`](crate::Node::speaks).
+    /// Stamps the header, sends the message and wakes those who wait for it. A process that is on standby, or has handed
+    /// over, holds it back instead: see [`Node::is_active`](crate::Node::is_active).
     ///
     /// # Errors
     /// [`PortError::Send`].
@@ -269,12 +269,12 @@ impl<M: Message> Loan<'_, M> {
         let output = self.output;
         output.stamp(self.sample.message_mut(), stamp);
         if output.core.gated {
-            let role = &output.shared.role;
-            if !role.speaks(stamp.position()) {
+            let turn = &output.shared.turn;
+            if !turn.is_active(stamp.position()) {
                 output.core.hold(stamp, self.sample);
                 return Ok(());
             }
-            role.note_sent(stamp.position());
+            turn.note_sent(stamp.position());
         }
         output.core.send(self.sample)
     }

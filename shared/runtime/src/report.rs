@@ -3,8 +3,8 @@
 use crate::error::PortError;
 use crate::node::Node;
 use crate::output::Stamp;
-use crate::role::Position;
 use crate::timing::StageTimer;
+use crate::turn::Position;
 use messages::ProcessState;
 
 impl Node {
@@ -63,10 +63,10 @@ impl Node {
     }
 
     pub(crate) fn send_report(&self, state: ProcessState, text: &str) -> Result<(), PortError> {
-        self.send_report_at(state, text, self.shared.role.sent().unwrap_or_default())
+        self.send_report_at(state, text, self.shared.turn.sent().unwrap_or_default())
     }
 
-    /// A report about a position: the newest that was spoken of, or, in answer to one, a border.
+    /// A report about a position: the newest that was spoken of, or, in answer to one, a handover step.
     pub(crate) fn send_report_at(
         &self,
         state: ProcessState,

@@ -10,7 +10,7 @@ use messages::Message;
 use std::time::{Duration, Instant};
 
 pub(crate) type Ipc = ipc::Service;
-pub(crate) type Bell = event::PortFactory<Ipc>;
+pub(crate) type WakeEvent = event::PortFactory<Ipc>;
 
 /// Messages that an input holds before the oldest is lost, unless it asks otherwise.
 pub const DEFAULT_BUFFER: usize = 64;
@@ -38,7 +38,7 @@ pub(crate) struct Sizes {
     pub(crate) history: usize,
     /// Messages that a publisher's shared memory has room for.
     pub(crate) slots: usize,
-    /// Whether a process that stands by holds back what it would say here.
+    /// Whether a process that is on standby holds back what it would send here.
     pub(crate) gated: bool,
 }
 
@@ -206,7 +206,10 @@ fn layout_in_use(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Option<String
 }
 
 /// Opens or creates the event service of a topic, which wakes those who wait for its messages.
-pub(crate) fn open_bell(node: &iceoryx2::node::Node<Ipc>, topic: &str) -> Result<Bell, PortError> {
+pub(crate) fn open_wake_event(
+    node: &iceoryx2::node::Node<Ipc>,
+    topic: &str,
+) -> Result<WakeEvent, PortError> {
     let service_name = name(topic)?;
     patiently(|| {
         node.service_builder(&service_name)

@@ -5,8 +5,8 @@ use crate::clock::{self, now_ns};
 use crate::error::NodeError;
 use crate::input::Counter;
 use crate::output::Connect;
-use crate::role::Role;
 use crate::service::Ipc;
+use crate::turn::Turn;
 use crate::{instance, private, signal};
 use core::cell::{Cell, RefCell};
 use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
@@ -24,8 +24,8 @@ pub(crate) struct Shared {
     banked_ns: Cell<u64>,
     pub(crate) ports: RefCell<Vec<Weak<dyn Connect>>>,
     pub(crate) counters: RefCell<Vec<Rc<Counter>>>,
-    /// From when to when the process speaks.
-    pub(crate) role: Role,
+    /// From when to when the process is active.
+    pub(crate) turn: Turn,
 }
 
 impl Shared {
@@ -60,7 +60,7 @@ impl Shared {
             banked_ns: Cell::new(0),
             ports: RefCell::new(Vec::new()),
             counters: RefCell::new(Vec::new()),
-            role: Role::new(arguments.standby),
+            turn: Turn::new(arguments.standby),
         }))
     }
 

@@ -1,5 +1,5 @@
-use super::super::metrics::{self, Samples};
 use super::*;
+use crate::metrics::{self, Samples};
 use messages::Header;
 
 fn add(table: &mut Table, topic: Topic, step: u32, sent_ns: u64, compute_ns: u64) {

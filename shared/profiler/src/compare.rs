@@ -8,8 +8,8 @@
 //! Ranks within two runs cannot see what differs between runs of the same program, such as another load of the machine:
 //! the conditions of both profiles are printed above the table.
 
-use super::metrics::Metric;
-use super::result::{Measured, Profile, SCHEMA};
+use crate::metrics::Metric;
+use crate::result::{Measured, Profile, SCHEMA};
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

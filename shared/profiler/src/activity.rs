@@ -1,8 +1,8 @@
 //! What all processes did over some steps, and the messages between them: what a trace and a picture show.
 
-use super::graph::{EDGES, HUMAN, PLANNER, STEP_ENDS};
-use super::table::Mark;
-use super::work::{Kind, Reader, Stretch};
+use crate::graph::{EDGES, HUMAN, PLANNER, STEP_ENDS};
+use crate::table::Mark;
+use crate::work::{Kind, Reader, Stretch};
 use messages::topic::{IMAGINE, IMAGINE_ANSWER};
 
 /// A message that somebody used, on the monotonic clock.

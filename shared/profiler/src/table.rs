@@ -1,6 +1,6 @@
 //! What was seen of every step: the headers of its messages, and of the questions and answers of its plan.
 
-use super::graph::{TOPICS, Topic};
+use crate::graph::{TOPICS, Topic};
 use messages::Header;
 use std::collections::{BTreeMap, VecDeque};
 

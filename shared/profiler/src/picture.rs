@@ -1,7 +1,7 @@
 //! `--picture FILE.svg`: a typical step and the slowest in all processes, with arrows along the messages and the critical path marked.
 
-use super::result::{Span, Trace};
-use crate::process::NAMES;
+use crate::result::{Span, Trace};
+use messages::PROCESSES;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -36,7 +36,7 @@ pub fn svg(panels: &[(String, Trace)], subtitle: &str) -> String {
 
 /// Draws one step and returns its height.
 fn panel(out: &mut String, trace: &Trace, title: &str, subtitle: &str) -> f64 {
-    let rows: Vec<&str> = NAMES
+    let rows: Vec<&str> = PROCESSES
         .into_iter()
         .filter(|name| trace.spans.iter().any(|span| span.process == *name))
         .collect();

@@ -1,37 +1,20 @@
-//! `mirror profile`: watches a set and says how long its processes compute, how long messages wait, and what it costs.
-//!
-//! The profiler is one more subscriber of every topic ([`watch`]). All times come from the messages' headers
-//! ([`work`] says what is known exactly and what is inferred), all use of cores and memory from the kernel ([`system`]).
+//! `mirror profile`: starts a set, or joins one that runs, has it watched ([`profiler`]), and writes what was found.
 
-mod activity;
-mod compare;
-mod cost;
-mod graph;
-mod hlog;
-mod metrics;
-mod picture;
-mod result;
-mod system;
-mod table;
 mod target;
-mod text;
-mod trace;
-mod watch;
-mod work;
 
 use crate::cli::ProfileArguments;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
 use crate::suspend::Suspension;
+use crate::up::control_socket::{self, Question};
 use anyhow::{Context, Result, ensure};
-use metrics::{Metric, Samples};
-use result::{Profile, Trace};
+use profiler::{End, Observed, Profile, Samples, Trace, Until, Watch};
+use profiler::{compare, text};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::SystemTime;
-use watch::{End, Observed, Until, Watch};
 
 /// How long a set that runs already is watched, unless asked otherwise.
 const ATTACHED_S: f64 = 10.0;
@@ -65,29 +48,18 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     };
     let attached = started.is_none();
     let began = SystemTime::now();
-    let mut watch = Watch::new(observer, started)?;
+    let mut watch = Watch::new(observer, started, status_of)?;
     screen.status("watching".to_owned());
     let observed = watch.observe(until(arguments))?;
     let mut slowdown = None;
     if arguments.own_cost > 0.0 && matches!(observed.end, End::Enough | End::Full) {
         screen.status("measuring what watching costs".to_owned());
-        let plans = observed
-            .table
-            .iter()
-            .any(|(.., step)| step.imagination.is_some());
-        let tick = Metric::new("", Samples::new(&observed.reader()).of(metrics::TICK), 0);
-        let pids: Vec<u32> = observed
-            .processes
-            .iter()
-            .map(|process| process.pid)
-            .filter(|pid| *pid != 0)
-            .collect();
-        slowdown = cost::measure(&mut watch, &pids, arguments.own_cost, tick.p50, plans)?;
+        slowdown = profiler::cost_of_watching(&mut watch, &observed, arguments.own_cost)?;
     }
     let wrong = watch.end();
     screen.finish();
-    if observed.table.len() == 0 {
-        return Err(watch::nothing_seen().into());
+    if observed.is_empty() {
+        return Err(profiler::nothing_seen().into());
     }
     let samples = Samples::new(&observed.reader());
     let profile = Profile::new(&instance, attached, &observed, &samples, slowdown);
@@ -116,6 +88,11 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
         }
         None => ExitCode::SUCCESS,
     })
+}
+
+/// The status of the set whose instance has this directory.
+fn status_of(directory: &Path) -> Option<serde_json::Value> {
+    control_socket::ask(directory, &Question::Status, |_| ()).ok()
 }
 
 /// When enough has been seen.
@@ -180,20 +157,15 @@ fn save(
 ) -> Result<()> {
     save_json(&directory.join("profile.json"), profile)?;
     let path: PathBuf = directory.join("profile.hlog");
-    let log = hlog::log(samples, began, profile.measured.seconds).context("profile.hlog")?;
+    let log = profiler::hlog(samples, began, profile.measured.seconds).context("profile.hlog")?;
     files::write(&path, &log)?;
     let around: Vec<(u32, u32)> = [&profile.typical, &profile.slowest]
         .into_iter()
         .flatten()
         .map(|trace: &Trace| (trace.episode, trace.step))
         .collect();
-    let pids: Vec<u32> = observed
-        .processes
-        .iter()
-        .map(|process| process.pid)
-        .collect();
     let about = serde_json::to_value(&profile.measured).context("trace.json")?;
-    let trace = trace::trace(&observed.reader(), &around, &pids, about);
+    let trace = profiler::trace(observed, &around, about);
     save_json(&directory.join("trace.json"), &trace)
 }
 
@@ -224,6 +196,6 @@ fn draw(path: &Path, profile: &Profile) -> Result<()> {
     .into_iter()
     .flatten()
     .collect();
-    let drawing = picture::svg(&panels, &subtitle);
+    let drawing = profiler::picture(&panels, &subtitle);
     Ok(files::write(path, drawing.as_bytes())?)
 }

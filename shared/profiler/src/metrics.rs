@@ -1,9 +1,9 @@
 //! Figures over all steps: what is measured, its percentiles, and its blocks for later comparisons.
 
-use super::graph::{EDGES, STEP_ENDS, Topic};
-use super::table::Table;
-use super::work::{Kind, Reader};
-use crate::process::NAMES;
+use crate::graph::{EDGES, STEP_ENDS, Topic};
+use crate::table::Table;
+use crate::work::{Kind, Reader};
+use messages::PROCESSES;
 use runtime::ClockMode;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -95,7 +95,7 @@ struct Figure {
 
 /// A figure's name: what is measured, of what.
 pub fn compute_of(process: usize) -> String {
-    format!("compute {}", NAMES[process])
+    format!("compute {}", PROCESSES[process])
 }
 
 /// See [`compute_of`].
@@ -164,7 +164,7 @@ impl Samples {
                 let process = output.sender();
                 samples.add(
                     &compute_of(process),
-                    || format!("computed by {} for {}", NAMES[process], output.name()),
+                    || format!("computed by {} for {}", PROCESSES[process], output.name()),
                     work.compute,
                     false,
                 );
@@ -183,7 +183,7 @@ impl Samples {
                             format!(
                                 "from {}'s sending until {} began to compute {}",
                                 edge.from.name(),
-                                NAMES[process],
+                                PROCESSES[process],
                                 output.name()
                             )
                         },
@@ -213,7 +213,7 @@ impl Samples {
         samples
     }
 
-    fn add_latencies(&mut self, seen: &super::table::Step) {
+    fn add_latencies(&mut self, seen: &crate::table::Step) {
         let decision = seen.mark(Topic::Decision);
         let display = seen.mark(Topic::Display);
         if let Some(display) = display {
@@ -259,7 +259,7 @@ impl Samples {
         }
         // Where one was lost, which answer belongs to which question cannot be told.
         if plan.questions.len() == plan.answers.len() {
-            let mut open: Vec<&(u32, super::table::Mark)> = plan.questions.iter().collect();
+            let mut open: Vec<&(u32, crate::table::Mark)> = plan.questions.iter().collect();
             for ((group, answer), (from, _)) in plan.answers.iter().zip(&answers) {
                 let asked = open
                     .iter()
@@ -378,7 +378,7 @@ pub fn path_parts(reader: &Reader) -> Vec<PathPart> {
     let mut parts: Vec<_> = sums
         .into_iter()
         .map(|((process, kind), (count, sum))| PathPart {
-            process: NAMES[process].to_owned(),
+            process: PROCESSES[process].to_owned(),
             what: label(kind),
             steps: count,
             mean_ns: sum as f64 / steps.max(1) as f64,

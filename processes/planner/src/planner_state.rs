@@ -1,4 +1,5 @@
-//! Between messages and the planning library: where a plan starts, and what its decision looks like on the topic.
+//! The planner's state from step to step: between messages and the planning library, where a plan starts, and what its decision
+//! looks like on the topic.
 
 use crate::Options;
 use messages::{CommAction, DecisionReason, DriverAction, RobotBelief};
@@ -12,7 +13,7 @@ use scenario::Scenario;
 use std::sync::Arc;
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
-pub struct Desk {
+pub struct PlannerState {
     planner: Planning,
     settings: Settings,
     mean: Tensor,
@@ -33,7 +34,7 @@ pub struct Desk {
 /// A planner and its world model.
 type Planning = Scenario<(SelfModel, Chooser), (Arc<DiscreteModel>, DiscretePlanner)>;
 
-impl Desk {
+impl PlannerState {
     /// The highway's planner, which has planned nothing yet; settings must have no problem.
     pub fn highway(options: &Options, model: SelfModel) -> Self {
         let chooser = Chooser::new(options.method.chooser(), options.settings, &model);

@@ -16,8 +16,8 @@
 //!   gives the pieces in between. The human model's compute time since its last step includes the answers that it gave;
 //!   the last answer's header says how much that was.
 
-use super::graph::{EDGES, Edge, HUMAN, PLANNER, Topic};
-use super::table::{Imagination, Mark, Table};
+use crate::graph::{EDGES, Edge, HUMAN, PLANNER, Topic};
+use crate::table::{Imagination, Mark, Table};
 use runtime::ClockMode;
 
 /// In real time, an input of another step than the output's is looked for so many steps back.
@@ -40,7 +40,7 @@ pub struct Used {
 /// A stretch of a process's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// The process: a place in [`NAMES`](crate::process::NAMES).
+    /// The process: a place in [`PROCESSES`](messages::PROCESSES).
     pub process: usize,
     /// What happened.
     pub kind: Kind,

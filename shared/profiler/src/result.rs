@@ -1,14 +1,14 @@
 //! `profile.json`: everything that a profile says, with a version.
 
-use super::activity::Activity;
-use super::cost::Cost;
-use super::graph::Topic;
-use super::metrics::{self, Metric, PathPart, Samples, label, latency, latency_end};
-use super::system;
-use super::target::About;
-use super::watch::{End, Observed, Watched};
-use super::work::{Kind, Reader, Stretch};
-use crate::process::NAMES;
+use crate::about::About;
+use crate::activity::Activity;
+use crate::cost::Cost;
+use crate::graph::Topic;
+use crate::metrics::{self, Metric, PathPart, Samples, label, latency, latency_end};
+use crate::system;
+use crate::watch::{End, Observed, Watched};
+use crate::work::{Kind, Reader, Stretch};
+use messages::PROCESSES;
 use messages::Report;
 use runtime::{ClockMode, text_of};
 use serde::{Deserialize, Serialize};
@@ -204,7 +204,7 @@ impl Profile {
             .enumerate()
             .filter(|(_, watched)| watched.pid != 0)
             .map(|(place, watched)| {
-                let name = NAMES.get(place).copied().unwrap_or("launcher");
+                let name = PROCESSES.get(place).copied().unwrap_or("launcher");
                 (name.to_owned(), ProcessProfile::new(watched))
             })
             .collect();
@@ -398,7 +398,7 @@ fn trace(reader: &Reader, episode: u32, step: u32) -> Option<Trace> {
     let end = latency_end(reader, episode, step + 1)?;
     let since = |ns: u64| ns as i64 - from as i64;
     let span = |stretch: &Stretch| Span {
-        process: NAMES[stretch.process].to_owned(),
+        process: PROCESSES[stretch.process].to_owned(),
         kind: match stretch.kind {
             Kind::Compute(_) | Kind::Answer => "compute",
             Kind::Wait(_) => "wait",
@@ -432,9 +432,9 @@ fn trace(reader: &Reader, episode: u32, step: u32) -> Option<Trace> {
             .filter(|flow| overlaps(flow.sent, flow.used.max(flow.sent + 1)))
             .map(|flow| Arrow {
                 topic: flow.topic.to_owned(),
-                from: NAMES[flow.from].to_owned(),
+                from: PROCESSES[flow.from].to_owned(),
                 sent_ns: since(flow.sent),
-                to: NAMES[flow.to].to_owned(),
+                to: PROCESSES[flow.to].to_owned(),
                 used_ns: since(flow.used),
             })
             .collect(),

@@ -46,12 +46,12 @@ pub enum Answer {
     /// Not done, and why; everything is as it was before.
     Refused(String),
     /// Not done yet: another answer follows.
-    Waiting(Waiting),
+    WaitNotice(WaitNotice),
 }
 
 /// What is still to come before a question is answered.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Waiting {
+pub struct WaitNotice {
     /// What is waited for.
     pub what: String,
     /// How far that is, where it can be told.
@@ -64,28 +64,28 @@ pub fn path(directory: &Path) -> PathBuf {
 }
 
 /// The launcher's side.
-pub struct Door {
+pub struct ControlSocket {
     listener: UnixListener,
-    visitors: Vec<Visitor>,
+    callers: Vec<Caller>,
     /// Those whose question cannot be answered yet.
-    held: VecDeque<(Visitor, Question)>,
+    held: VecDeque<(Caller, Question)>,
 }
 
 /// Somebody who asked, or is about to.
-pub struct Visitor {
+pub struct Caller {
     stream: UnixStream,
     heard: Vec<u8>,
 }
 
-impl Visitor {
+impl Caller {
     /// Tells them, who may have left, the answer.
     pub fn tell(mut self, answer: &Answer) {
         self.write(answer);
     }
 
     /// Tells them what is waited for.
-    pub fn tell_waiting(&mut self, waiting: Waiting) {
-        self.write(&Answer::Waiting(waiting));
+    pub fn tell_waiting(&mut self, waiting: WaitNotice) {
+        self.write(&Answer::WaitNotice(waiting));
     }
 
     fn write(&mut self, answer: &Answer) {
@@ -100,8 +100,8 @@ impl Visitor {
     }
 }
 
-impl Door {
-    /// Opens the door of an instance that is ours.
+impl ControlSocket {
+    /// Opens the socket of an instance that is ours.
     ///
     /// # Errors
     /// Names the socket.
@@ -118,57 +118,57 @@ impl Door {
             .with_context(|| path.display().to_string())?;
         Ok(Self {
             listener,
-            visitors: Vec::new(),
+            callers: Vec::new(),
             held: VecDeque::new(),
         })
     }
 
     /// What to poll.
     pub fn descriptors(&self) -> impl Iterator<Item = RawFd> {
-        let visitors = self.visitors.iter().map(|v| v.stream.as_raw_fd());
-        std::iter::once(self.listener.as_raw_fd()).chain(visitors)
+        let callers = self.callers.iter().map(|v| v.stream.as_raw_fd());
+        std::iter::once(self.listener.as_raw_fd()).chain(callers)
     }
 
     /// Answers while the set is not there yet: who wants to swap is held until it is, and told `why` they have to wait.
     pub fn answer_early(&mut self, status: impl Fn() -> serde_json::Value, why: &str) {
-        while let Some((mut visitor, question)) = self.ask() {
+        while let Some((mut caller, question)) = self.ask() {
             match question {
-                Err(why) => visitor.tell(&Answer::Refused(why)),
-                Ok(Question::Status) => visitor.tell(&Answer::Done(status())),
+                Err(why) => caller.tell(&Answer::Refused(why)),
+                Ok(Question::Status) => caller.tell(&Answer::Done(status())),
                 Ok(question @ Question::Swap(_)) => {
-                    visitor.tell_waiting(Waiting {
+                    caller.tell_waiting(WaitNotice {
                         what: why.to_owned(),
-                        ..Waiting::default()
+                        ..WaitNotice::default()
                     });
-                    self.held.push_back((visitor, question));
+                    self.held.push_back((caller, question));
                 }
             }
         }
     }
 
     /// The next complete question; those that were held come first.
-    pub fn next(&mut self) -> Option<(Visitor, Result<Question, String>)> {
+    pub fn next(&mut self) -> Option<(Caller, Result<Question, String>)> {
         match self.held.pop_front() {
-            Some((visitor, question)) => Some((visitor, Ok(question))),
+            Some((caller, question)) => Some((caller, Ok(question))),
             None => self.ask(),
         }
     }
 
-    /// Lets in who knocks, and returns the next complete question.
-    fn ask(&mut self) -> Option<(Visitor, Result<Question, String>)> {
+    /// Accepts who connects, and returns the next complete question.
+    fn ask(&mut self) -> Option<(Caller, Result<Question, String>)> {
         while let Ok((stream, _)) = self.listener.accept() {
             if stream.set_nonblocking(true).is_ok() {
                 let heard = Vec::new();
-                self.visitors.push(Visitor { stream, heard });
+                self.callers.push(Caller { stream, heard });
             }
         }
         let mut at = 0;
-        while at < self.visitors.len() {
-            match self.visitors[at].hear() {
-                Heard::Nothing => at += 1,
-                Heard::Gone => drop(self.visitors.swap_remove(at)),
-                Heard::Question(question) => {
-                    return Some((self.visitors.swap_remove(at), question));
+        while at < self.callers.len() {
+            match self.callers[at].hear() {
+                Received::Nothing => at += 1,
+                Received::Gone => drop(self.callers.swap_remove(at)),
+                Received::Question(question) => {
+                    return Some((self.callers.swap_remove(at), question));
                 }
             }
         }
@@ -176,29 +176,29 @@ impl Door {
     }
 }
 
-enum Heard {
+enum Received {
     Nothing,
     Gone,
     Question(Result<Question, String>),
 }
 
-impl Visitor {
-    fn hear(&mut self) -> Heard {
+impl Caller {
+    fn hear(&mut self) -> Received {
         let mut bytes = [0; 4096];
         loop {
             match self.stream.read(&mut bytes) {
-                Ok(0) => return Heard::Gone,
+                Ok(0) => return Received::Gone,
                 Ok(count) => self.heard.extend_from_slice(&bytes[..count]),
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Heard::Nothing,
-                Err(_) => return Heard::Gone,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Received::Nothing,
+                Err(_) => return Received::Gone,
             }
             if let Some(end) = self.heard.iter().position(|byte| *byte == b'\n') {
                 let question = serde_json::from_slice(&self.heard[..end]);
-                return Heard::Question(question.map_err(|error| error.to_string()));
+                return Received::Question(question.map_err(|error| error.to_string()));
             }
             if self.heard.len() > MOST_BYTES {
-                return Heard::Question(Err("a question of more than 64 KiB".to_owned()));
+                return Received::Question(Err("a question of more than 64 KiB".to_owned()));
             }
         }
     }
@@ -216,7 +216,7 @@ const SILENCE: Duration = Duration::from_secs(1);
 pub fn ask(
     directory: &Path,
     question: &Question,
-    mut wait: impl FnMut(&Waiting),
+    mut wait: impl FnMut(&WaitNotice),
 ) -> Result<serde_json::Value> {
     let name = directory.file_name().unwrap_or_default().to_string_lossy();
     let mut stream = connect(directory, &name, &mut wait)?;
@@ -230,9 +230,9 @@ pub fn ask(
         match stream.read_until(b'\n', &mut line) {
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
                 if !std::mem::replace(&mut heard, true) {
-                    wait(&Waiting {
+                    wait(&WaitNotice {
                         what: format!("instance {name} is busy: waiting for its answer"),
-                        ..Waiting::default()
+                        ..WaitNotice::default()
                     });
                 }
                 continue;
@@ -252,7 +252,7 @@ pub fn ask(
         match serde_json::from_slice(&line).with_context(said)? {
             Answer::Done(value) => return Ok(value),
             Answer::Refused(why) => bail!("{why}"),
-            Answer::Waiting(waiting) => wait(&waiting),
+            Answer::WaitNotice(waiting) => wait(&waiting),
         }
         heard = true;
         line.clear();
@@ -260,7 +260,7 @@ pub fn ask(
 }
 
 /// Connects to a set that runs, and may have to open its socket first.
-fn connect(directory: &Path, name: &str, wait: &mut impl FnMut(&Waiting)) -> Result<UnixStream> {
+fn connect(directory: &Path, name: &str, wait: &mut impl FnMut(&WaitNotice)) -> Result<UnixStream> {
     let path = path(directory);
     let root = directory.parent().unwrap_or(directory);
     let (since, mut said) = (Instant::now(), false);
@@ -280,9 +280,9 @@ fn connect(directory: &Path, name: &str, wait: &mut impl FnMut(&Waiting)) -> Res
             bail!("instance {name} does not run any more");
         }
         if !std::mem::replace(&mut said, true) {
-            wait(&Waiting {
+            wait(&WaitNotice {
                 what: format!("instance {name} has only just been started: waiting for it"),
-                ..Waiting::default()
+                ..WaitNotice::default()
             });
         }
         std::thread::sleep(Duration::from_millis(20));
@@ -296,17 +296,17 @@ mod tests {
 
     fn visit(bytes: &[u8]) -> Option<Result<Question, String>> {
         let directory = tempfile::tempdir().unwrap();
-        let mut door = Door::open(directory.path()).unwrap();
+        let mut socket = ControlSocket::open(directory.path()).unwrap();
         let mut stream = UnixStream::connect(path(directory.path())).unwrap();
         stream.write_all(bytes).unwrap();
         drop(stream);
-        door.next().map(|(_, question)| question)
+        socket.next().map(|(_, question)| question)
     }
 
     #[test]
     fn a_question_arrives_and_its_answer_too() {
         let directory = tempfile::tempdir().unwrap();
-        let mut door = Door::open(directory.path()).unwrap();
+        let mut socket = ControlSocket::open(directory.path()).unwrap();
         let asked = Question::Swap(Replacement {
             process: "human".to_owned(),
             kind: Some("self".to_owned()),
@@ -315,14 +315,14 @@ mod tests {
         });
         std::thread::scope(|scope| {
             let client = scope.spawn(|| ask(directory.path(), &asked, |_| ()));
-            let (visitor, question) = loop {
-                if let Some(heard) = door.next() {
+            let (caller, question) = loop {
+                if let Some(heard) = socket.next() {
                     break heard;
                 }
                 std::thread::yield_now();
             };
             assert_eq!(question, Ok(asked.clone()));
-            visitor.tell(&Answer::Refused("not now".to_owned()));
+            caller.tell(&Answer::Refused("not now".to_owned()));
             let error = client.join().unwrap().unwrap_err();
             assert_eq!(error.to_string(), "not now");
         });

@@ -1,6 +1,6 @@
 //! The message graph: which process answers which messages with which (DESIGN §3).
 
-use crate::process::NAMES;
+use messages::PROCESSES;
 use messages::topic;
 use runtime::ClockMode;
 
@@ -52,7 +52,7 @@ impl Topic {
         }
     }
 
-    /// Who sends it: a place in [`NAMES`].
+    /// Who sends it: a place in [`PROCESSES`].
     pub fn sender(self) -> usize {
         match self {
             Self::Lidar | Self::Observation => WORLD,
@@ -186,6 +186,6 @@ impl Edge {
 
     /// Such as `comm/display → driver`.
     pub fn name(&self) -> String {
-        format!("{} → {}", self.from.name(), NAMES[self.to.sender()])
+        format!("{} → {}", self.from.name(), PROCESSES[self.to.sender()])
     }
 }

@@ -1,6 +1,6 @@
 //! `profile.hlog`: all figures as HdrHistograms, in the interval log that HdrHistogram's tools of other languages read.
 
-use super::metrics::Samples;
+use crate::metrics::Samples;
 use anyhow::{Context, Result, anyhow};
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::V2DeflateSerializer;

@@ -2,10 +2,10 @@
 //!
 //! One track per process; slices for computing and waiting; a flow arrow for every message that somebody used.
 
-use super::activity::{Activity, Flow};
-use super::metrics::label;
-use super::work::{Kind, Reader, Stretch};
-use crate::process::NAMES;
+use crate::activity::{Activity, Flow};
+use crate::metrics::label;
+use crate::work::{Kind, Reader, Stretch};
+use messages::PROCESSES;
 use serde_json::{Value, json};
 
 /// Steps on either side of the typical and of the slowest step …
@@ -84,7 +84,7 @@ impl Writer<'_> {
     }
 
     fn name_tracks(&mut self) {
-        for (place, name) in NAMES.iter().enumerate() {
+        for (place, name) in PROCESSES.iter().enumerate() {
             let pid = self.pid(place);
             for (what, arguments) in [
                 ("process_name", json!({ "name": name })),

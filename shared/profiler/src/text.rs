@@ -1,11 +1,11 @@
 //! A profile as a table for people.
 
-use super::compare::{Change, Older, Verdict};
-use super::graph::{EDGES, Edge};
-use super::metrics::{self, Metric, compute_of, hop_of, wait_of};
-use super::result::{Measured, Profile, Trace};
-use crate::process::NAMES;
+use crate::compare::{Change, Older, Verdict};
+use crate::graph::{EDGES, Edge};
+use crate::metrics::{self, Metric, compute_of, hop_of, wait_of};
+use crate::result::{Measured, Profile, Trace};
 use crate::units::{count, time_us};
+use messages::PROCESSES;
 use runtime::ClockMode;
 use std::fmt::Write;
 
@@ -132,7 +132,7 @@ fn write_processes(out: &mut String, profile: &Profile) {
             let _ = writeln!(out, "  {name:<22}{}{count:>10}", columns(metric));
         }
     };
-    for (process, name) in NAMES.iter().enumerate() {
+    for (process, name) in PROCESSES.iter().enumerate() {
         line(name, &compute_of(process));
         if *name == "human" {
             line("human, answers/plan", metrics::ANSWERS);
@@ -145,7 +145,7 @@ fn write_processes(out: &mut String, profile: &Profile) {
         out,
         "\nTakes                 CPU, % of a core   could run, no core   switches/s (waits, ousted)   threads   RSS MiB   PSS MiB   missed   lost"
     );
-    for name in NAMES.iter().chain(&["launcher"]) {
+    for name in PROCESSES.iter().chain(&["launcher"]) {
         let Some(process) = profile.processes.get(*name) else {
             continue;
         };
@@ -332,7 +332,7 @@ fn write_own(out: &mut String, profile: &Profile) {
     );
     match &own.slowdown {
         Some(cost) => {
-            let ratio = |ratio: &super::cost::Ratio| {
+            let ratio = |ratio: &crate::cost::Ratio| {
                 let [low, high] = ratio.interval.map(|slower| 100.0 * slower);
                 format!("{:+.2} % [{low:+.2}, {high:+.2}]", 100.0 * ratio.median)
             };

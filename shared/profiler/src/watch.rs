@@ -1,11 +1,12 @@
 //! Watching a set: as one more subscriber of every topic, which looks every few milliseconds and is never woken.
 
-use super::graph::Topic;
-use super::system::{self, Machine, Usage};
-use super::table::{MOST_STEPS, Table};
-use super::target::{About, Started, about};
-use crate::process::NAMES;
+use crate::about::{About, AskStatus, about};
+use crate::graph::Topic;
+use crate::started::StartedSet;
+use crate::system::{self, Machine, Usage};
+use crate::table::{MOST_STEPS, Table};
 use anyhow::Result;
+use messages::PROCESSES;
 use messages::{
     CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, ImagineAnswer,
     ImagineRequest, LidarFrame, Observation, Report, RobotBelief, topic,
@@ -258,25 +259,34 @@ pub struct Observed {
     pub end: End,
 }
 
+impl Observed {
+    /// Whether no step was seen.
+    pub fn is_empty(&self) -> bool {
+        self.table.len() == 0
+    }
+}
+
 /// Somebody who watches a set. The ports come before what they belong to.
 pub struct Watch {
     reports: Input<Report>,
     /// What is watched.
     pub observer: Observer,
     /// The set, where it is our own.
-    pub started: Option<Started>,
+    pub started: Option<StartedSet>,
+    ask: AskStatus,
 }
 
 impl Watch {
-    /// Begins to listen to reports.
+    /// Begins to listen to reports. `ask`: how the set's launcher is asked for its status.
     ///
     /// # Errors
     /// When the port cannot be made.
-    pub fn new(observer: Observer, started: Option<Started>) -> Result<Self> {
+    pub fn new(observer: Observer, started: Option<StartedSet>, ask: AskStatus) -> Result<Self> {
         Ok(Self {
             reports: observer.input(topic::REPORT)?,
             observer,
             started,
+            ask,
         })
     }
 
@@ -288,9 +298,9 @@ impl Watch {
         let attached_ns = now_ns();
         let mut ports = Ports::attach(&self.observer, true)?;
         let mut table = Table::default();
-        let mut processes = vec![Watched::default(); NAMES.len() + 1];
+        let mut processes = vec![Watched::default(); PROCESSES.len() + 1];
         let mut end = self.first_frame(&mut ports, &mut table)?;
-        let about = about(&self.observer);
+        let about = about(&self.observer, self.ask);
         let run_id = ports.frame.map_or(about.run_id, |frame| frame.run_id);
         self.find(&mut processes);
         let (own_before, machine_before) = (own(), system::machine());
@@ -365,9 +375,9 @@ impl Watch {
     fn find(&self, processes: &mut [Watched]) {
         let found = self.observer.instance();
         for node in nodes(&root_of(found), found).unwrap_or_default() {
-            let known = NAMES.iter().position(|name| *name == node.process);
+            let known = PROCESSES.iter().position(|name| *name == node.process);
             let place = match node.process.as_str() {
-                "launcher" => Some(NAMES.len()),
+                "launcher" => Some(PROCESSES.len()),
                 _ => known,
             };
             if let Some(place) = place.filter(|_| node.alive) {
@@ -390,7 +400,7 @@ impl Watch {
         while now_ns() < asked + REPORT_NS {
             let wake = self.observer.sleep(now_ns() + REPORT_LOOK_NS)?;
             self.take_reports(processes, run_id, since)?;
-            let all = processes[..NAMES.len()]
+            let all = processes[..PROCESSES.len()]
                 .iter()
                 .all(|process| process.pid == 0 || is_new(process));
             if all || wake != ObserverWake::Deadline {
@@ -404,7 +414,7 @@ impl Watch {
     fn take_reports(&mut self, processes: &mut [Watched], run_id: u64, since: u64) -> Result<()> {
         while let Some(report) = self.reports.next()? {
             let name = text_of(&report.process);
-            let place = NAMES.iter().position(|known| *known == name);
+            let place = PROCESSES.iter().position(|known| *known == name);
             if let Some(place) = place
                 && report.header.sent_ns >= since
                 && report.header.run_id == run_id
@@ -445,7 +455,7 @@ pub fn nothing_seen() -> anyhow::Error {
 impl Watch {
     /// Leaves, and ends a set of our own. Returns how that set ended, if it did so by itself and badly.
     pub fn end(mut self) -> Option<String> {
-        let status = self.started.as_mut().and_then(Started::ended);
+        let status = self.started.as_mut().and_then(StartedSet::ended);
         if let Some(started) = self.started.as_mut().filter(|_| status.is_none()) {
             started.end();
         }

@@ -8,9 +8,9 @@
 //! The same is done with the processor time that the set uses for a tick: it holds what senders do more for one more
 //! subscriber, and, unlike the tick, hardly changes where other work keeps the machine busy.
 
-use super::system::cpu_ns;
-use super::table::Table;
-use super::watch::{Marker, Ports, Watch, own};
+use crate::system::cpu_ns;
+use crate::table::Table;
+use crate::watch::{Marker, Ports, Watch, own};
 use anyhow::Result;
 use messages::Header;
 use runtime::{ObserverWake, now_ns};
