@@ -2,11 +2,9 @@
 //! lockstep over shared memory, and compares what they say with what was said then.
 
 mod report;
+mod report_text;
 mod resolve;
 mod set;
-mod setup;
-
-pub use setup::setup;
 
 use crate::cli::ReplayArguments;
 use crate::doctor;
@@ -14,7 +12,7 @@ use crate::failure::Failure;
 use crate::inputs;
 use crate::screen::Screen;
 use anyhow::Context;
-use report::Report;
+use report::ReplayReport;
 use resolve::Resolved;
 use runtime::{ClockMode, InstanceLock, Launcher, now_ns};
 use set::Set;
@@ -55,7 +53,7 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     ended.and(all_well)?;
     let rows = ::replay::load_rows(&rows).context("the replay's rows")?;
     launcher.clean()?;
-    let mut report = Report::new(&drive, &resolved, items, rows);
+    let mut report = ReplayReport::new(&drive, &resolved, items, rows);
     report.wall_seconds = (now_ns() - started) as f64 * 1e-9;
     screen.line(&report.text(arguments.lines));
     if let Some(path) = &summary {

@@ -1,10 +1,10 @@
 //! Which models a replay asks: the recorded ones, or those that the command line names in their place.
 
-use super::setup::{IMPLANTS, PERSON, SELF_MODEL};
 use crate::cli::ReplayArguments;
 use crate::gridworld::inputs::shipped_self_model;
 use crate::inputs;
 use crate::place::{self, ItemNames};
+use crate::up::setup::{IMPLANTS, PERSON, SELF_MODEL};
 use anyhow::{Context, Result, anyhow, bail};
 use driver::{Acting, Driving};
 use models::Kind;

@@ -1,8 +1,9 @@
 //! The processes of a run, as operating-system processes: started, watched, ended.
 
 use super::activity::Activity;
+use super::ended::{Cause, Ended, how_it_ended};
+use super::phase::Phase;
 use super::plan::Plan;
-use super::supervise::Cause;
 use crate::guard;
 use crate::own;
 use crate::process::NAMES;
@@ -16,31 +17,6 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as OsChild, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-
-/// What a process is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// It reads its models and makes its ports.
-    Starting,
-    /// It reads what its predecessor reads, and is silent.
-    Standby,
-    /// It does its part.
-    Active,
-    /// It has handed over, or is to end.
-    Leaving,
-}
-
-impl Phase {
-    /// What a running set says of it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Starting => "Starting",
-            Self::Standby => "StandingBy",
-            Self::Active => "Speaking",
-            Self::Leaving => "Leaving",
-        }
-    }
-}
 
 /// A living process.
 pub struct Child {
@@ -108,26 +84,6 @@ impl Child {
         // SAFETY: signals the group of a child that was not waited for yet, so its id is still its own.
         unsafe { libc::kill(-group, signal) };
     }
-}
-
-/// A process that has ended.
-pub struct Ended {
-    /// As in [`Child`].
-    pub place: usize,
-    /// As in [`Child`].
-    pub index: u32,
-    /// What it did last.
-    pub phase: Phase,
-    /// How and, where that is known, why.
-    pub how: String,
-    /// What ended it.
-    pub cause: Cause,
-    /// Whether it was our own executable.
-    pub is_ours: bool,
-    /// The signal that ended it.
-    pub signal: Option<libc::c_int>,
-    /// Whether its exit status is 0.
-    pub well: bool,
 }
 
 /// All living processes of a run. Dropped, it leaves none alive.
@@ -328,14 +284,7 @@ impl Children {
         if !ended.is_ours {
             self.end_strays();
         }
-        let mut how = match (status.code(), status.signal()) {
-            (Some(code), _) => format!("ended with status {code}"),
-            (None, Some(signal)) => {
-                let name = signal_name(signal).map_or(String::new(), |name| format!(" ({name})"));
-                format!("was killed by signal {signal}{name}")
-            }
-            (None, None) => "ended".to_owned(),
-        };
+        let mut how = how_it_ended(status);
         // One that ends as soon as it has begun may have had no time to report.
         if let Some(errors) = ended.errors.take() {
             let _ = errors.join();
@@ -350,14 +299,7 @@ impl Children {
         if let Some(why) = ended.why {
             how += &format!(" ({why})");
         }
-        let cause = match (status.signal(), status.code()) {
-            // No matter whether it was to end: it was not sent one of these.
-            (Some(signal), _) if CRASHES.contains(&signal) => Cause::Crash,
-            (_, Some(PANIC)) if ended.is_ours => Cause::Crash,
-            _ if ended.was_signalled.get() => Cause::Launcher,
-            (Some(_), _) => Cause::Signal,
-            _ => Cause::Exit,
-        };
+        let cause = Cause::of(status, ended.is_ours, ended.was_signalled.get());
         Ok(Ended {
             place: ended.place,
             index: ended.index,
@@ -423,44 +365,6 @@ impl Drop for Children {
             let _ = self.reap(0);
         }
     }
-}
-
-/// Signals that a process is sent for what it did itself.
-const CRASHES: [libc::c_int; 7] = [
-    libc::SIGSEGV,
-    libc::SIGABRT,
-    libc::SIGILL,
-    libc::SIGBUS,
-    libc::SIGFPE,
-    libc::SIGTRAP,
-    libc::SIGSYS,
-];
-/// Exit status of a Rust program that panicked.
-const PANIC: i32 = 101;
-
-/// A signal's name, of those that end processes.
-pub fn signal_name(signal: libc::c_int) -> Option<&'static str> {
-    Some(match signal {
-        libc::SIGHUP => "SIGHUP",
-        libc::SIGINT => "SIGINT",
-        libc::SIGQUIT => "SIGQUIT",
-        libc::SIGILL => "SIGILL",
-        libc::SIGTRAP => "SIGTRAP",
-        libc::SIGABRT => "SIGABRT",
-        libc::SIGBUS => "SIGBUS",
-        libc::SIGFPE => "SIGFPE",
-        libc::SIGKILL => "SIGKILL",
-        libc::SIGUSR1 => "SIGUSR1",
-        libc::SIGSEGV => "SIGSEGV",
-        libc::SIGUSR2 => "SIGUSR2",
-        libc::SIGPIPE => "SIGPIPE",
-        libc::SIGALRM => "SIGALRM",
-        libc::SIGTERM => "SIGTERM",
-        libc::SIGXCPU => "SIGXCPU",
-        libc::SIGXFSZ => "SIGXFSZ",
-        libc::SIGSYS => "SIGSYS",
-        _ => return None,
-    })
 }
 
 /// Our own executable, or the program that stands in for it.

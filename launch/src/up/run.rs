@@ -1,16 +1,16 @@
 //! A run from its start to the end of its last process.
 
 use super::activity::Activity;
-use super::children::{Children, Ended, Phase};
-use super::control_socket::{Answer, ControlSocket, Question};
+use super::children::Children;
+use super::control_socket::ControlSocket;
+use super::ended::{Cause, Ended};
 use super::heads::Heads;
+use super::phase::Phase;
 use super::plan::Plan;
 use super::starting::{self, READY_NS};
 use super::summary::Ending;
-use super::supervise::{
-    Cause, Supervisor, ask_ns, handover_after_death, next_handover, patience_ns,
-};
-use super::swap::{Around, Finished, Swap};
+use super::supervise::{Supervisor, ask_ns, handover_after_death, next_handover, patience_ns};
+use super::swap::{Finished, Swap};
 use super::tally::Tally;
 use crate::process::NAMES;
 use crate::screen::Screen;
@@ -20,17 +20,11 @@ use messages::{ProcessState, Report};
 use recorder::result::RecorderResult;
 use runtime::{ClockMode, Launcher, LauncherWake, now_ns, text_of};
 
-const MS: u64 = 1_000_000;
+pub(super) const MS: u64 = 1_000_000;
 /// How often the status line and the counts are brought up to date …
-const LOOK_NS: u64 = 50 * MS;
+pub(super) const LOOK_NS: u64 = 50 * MS;
 /// … or after so many steps, if that is sooner: a lockstep world waits for a launcher that is twice as many behind.
 const LOOK_STEPS: f64 = 320.0;
-/// After the word to stop, a process has this long …
-const STOP_NS: u64 = 3_000 * MS;
-/// … and a recorder, which may still be writing, this long.
-const STOP_RECORDER_NS: u64 = 20_000 * MS;
-/// After SIGTERM.
-const TERM_NS: u64 = 2_000 * MS;
 /// Place of the world in launch order.
 const WORLD: usize = 0;
 /// Place of the recorder.
@@ -38,24 +32,24 @@ pub const RECORDER: usize = NAMES.len() - 1;
 
 /// A run.
 pub struct Run<'a> {
-    plan: Plan,
-    launcher: &'a mut Launcher,
-    screen: &'a Screen,
-    children: Children,
-    tally: Tally,
-    heads: Heads,
-    supervisor: Supervisor,
-    socket: ControlSocket,
-    suspension: Suspension,
-    swap: Option<Swap>,
-    ending: Ending,
-    started_ns: u64,
-    asked_ns: u64,
-    looked_ns: u64,
+    pub(super) plan: Plan,
+    pub(super) launcher: &'a mut Launcher,
+    pub(super) screen: &'a Screen,
+    pub(super) children: Children,
+    pub(super) tally: Tally,
+    pub(super) heads: Heads,
+    pub(super) supervisor: Supervisor,
+    pub(super) socket: ControlSocket,
+    pub(super) suspension: Suspension,
+    pub(super) swap: Option<Swap>,
+    pub(super) ending: Ending,
+    pub(super) started_ns: u64,
+    pub(super) asked_ns: u64,
+    pub(super) looked_ns: u64,
     /// Time and steps when the rate was last taken, and the rate in steps a second.
-    rate: (u64, u64, f64),
+    pub(super) rate: (u64, u64, f64),
     /// The recorder that a lockstep world waits for, by its number.
-    recorder: Option<u32>,
+    pub(super) recorder: Option<u32>,
 }
 
 impl<'a> Run<'a> {
@@ -150,7 +144,7 @@ impl<'a> Run<'a> {
         self.tell_progress()?;
         self.started_ns = now_ns();
         // Those who asked while the set was starting.
-        self.answer_the_door()?;
+        self.answer_callers()?;
         let watched = self.watch();
         self.ending.wall_seconds = (now_ns() - self.started_ns) as f64 * 1e-9;
         watched?;
@@ -181,7 +175,7 @@ impl<'a> Run<'a> {
                 }
                 LauncherWake::Child(_) => {
                     self.suspension.heed(|signal| self.children.suspend(signal));
-                    self.answer_the_door()?;
+                    self.answer_callers()?;
                 }
                 LauncherWake::Stop => self.ending.ended_early = Some("interrupted".to_owned()),
                 LauncherWake::Deadline => {}
@@ -301,7 +295,7 @@ impl<'a> Run<'a> {
     }
 
     /// Takes in what the processes report; true if the world has finished.
-    fn take_reports(&mut self) -> Result<bool> {
+    pub(super) fn take_reports(&mut self) -> Result<bool> {
         let mut over = false;
         while let Some(report) = self.launcher.next_report()? {
             over |= self.take_report(&report)?;
@@ -402,162 +396,6 @@ impl<'a> Run<'a> {
     fn episodes_left(&self) -> u32 {
         let (episode, _) = next_handover(&self.heads, WORLD);
         self.plan.episodes.saturating_sub(episode)
-    }
-
-    fn answer_the_door(&mut self) -> Result<()> {
-        while let Some((caller, question)) = self.socket.next() {
-            match question {
-                Err(why) => caller.tell(&Answer::Refused(why)),
-                Ok(Question::Status) => caller.tell(&Answer::Done(self.status())),
-                Ok(Question::Swap(_)) if self.swap.is_some() => {
-                    caller.tell(&Answer::Refused("another swap is under way".to_owned()));
-                }
-                Ok(Question::Swap(asked)) => {
-                    self.heads.forget_gaps();
-                    let (plan, lost) = (self.plan.clone(), self.lost());
-                    let begun = Swap::begin(&plan, &asked, caller, &mut self.around(lost));
-                    match begun {
-                        Ok(swap) => self.swap = Some(swap),
-                        Err((caller, error)) => {
-                            caller.tell(&Answer::Refused(format!("{error:#}")));
-                        }
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn around(&mut self, lost: u64) -> Around<'_> {
-        Around {
-            launcher: self.launcher,
-            children: &mut self.children,
-            supervisor: &mut self.supervisor,
-            heads: &self.heads,
-            screen: self.screen,
-            lost,
-            rate: self.rate.2,
-            episode_steps: self.tally.steps() as f64 / self.tally.episodes.len().max(1) as f64,
-        }
-    }
-
-    fn with_swap(
-        &mut self,
-        act: impl FnOnce(&mut Swap, &mut Around) -> Result<Option<Finished>>,
-    ) -> Result<()> {
-        let Some(mut swap) = self.swap.take() else {
-            return Ok(());
-        };
-        let lost = self.lost();
-        match act(&mut swap, &mut self.around(lost))? {
-            Some(finished) => self.finish_swap(swap, finished),
-            None => {
-                self.swap = Some(swap);
-                Ok(())
-            }
-        }
-    }
-
-    fn finish_swap(&mut self, swap: Swap, finished: Finished) -> Result<()> {
-        let lost = self.lost();
-        let (place, is_vacant) = (swap.place(), swap.old_is_gone());
-        swap.end(&finished, &mut self.around(lost))?;
-        match finished {
-            Finished::Done(plan, report) => {
-                let (process, from, to) = (&report.process, &report.from, &report.to);
-                let (episode, step) = report.handover.unwrap_or_default();
-                self.screen.line(&format!(
-                    "SWAP {process}: {from} → {to} from episode {episode} step {step} on"
-                ));
-                self.plan = *plan;
-                self.ending.swaps.push(report);
-            }
-            Finished::Failed(why) => {
-                self.screen.warn(&format!("mirror: no swap: {why}"));
-                if is_vacant {
-                    self.supervisor.fill(place);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Messages that any port has lost, by all that was reported.
-    fn lost(&self) -> u64 {
-        let reports = self.ending.reports.iter().flatten();
-        reports
-            .flat_map(|report| report.ports.iter().take(report.port_count as usize))
-            .map(|port| port.lost)
-            .sum()
-    }
-
-    fn status(&self) -> serde_json::Value {
-        let processes: Vec<_> = self
-            .children
-            .living()
-            .iter()
-            .map(|child| {
-                serde_json::json!({
-                    "process": NAMES[child.place],
-                    "index": child.index,
-                    "pid": child.pid(),
-                    "phase": child.phase.name(),
-                    "kind": self.plan.kind_of(child.place),
-                    "position": self.heads.newest(child.place),
-                })
-            })
-            .collect();
-        let mut status = self.plan.status();
-        status["phase"] = "driving".into();
-        status["processes"] = processes.into();
-        status["steps"] = self.tally.steps().into();
-        status["dropped_lines"] = self.screen.dropped().into();
-        status
-    }
-
-    /// Asks everybody to end, then tells them, then makes them.
-    fn stop(&mut self) -> Result<()> {
-        self.screen.status("stopping".to_owned());
-        self.launcher.stop()?;
-        let begun = now_ns();
-        let mut told = [false; 2];
-        while !self.children.living().is_empty() {
-            let ended = self.children.wait(LOOK_NS)?;
-            self.suspension.heed(|signal| self.children.suspend(signal));
-            self.take_reports()?;
-            self.tally.update()?;
-            if let Some(at) = ended {
-                let ended = self.children.reap(at)?;
-                let finished = self.ending.reports[ended.place]
-                    .is_some_and(|report| report.state() == Ok(ProcessState::Finished));
-                let died = match ended.phase {
-                    Phase::Active => !finished,
-                    Phase::Starting => !ended.well,
-                    Phase::Standby | Phase::Leaving => false,
-                };
-                if died || matches!(ended.cause, Cause::Crash | Cause::Signal) {
-                    self.supervisor.note(&ended, &self.heads);
-                }
-                continue;
-            }
-            let patience = if self.children.active(RECORDER).is_some() {
-                STOP_RECORDER_NS
-            } else {
-                STOP_NS
-            };
-            let waited = now_ns() - begun;
-            let signals = [
-                (patience, libc::SIGTERM),
-                (patience + TERM_NS, libc::SIGKILL),
-            ];
-            for (told, (after, signal)) in told.iter_mut().zip(signals) {
-                if waited > after && !*told {
-                    self.children.signal(signal);
-                    *told = true;
-                }
-            }
-        }
-        Ok(())
     }
 
     fn show_status(&self) {

@@ -15,7 +15,7 @@
 //! if it stands still, for one that computes is waited for. One that dies too often without having lived for
 //! [`HEALTHY_NS`] ends the run.
 
-use super::children::{Ended, signal_name};
+use super::ended::{Cause, Ended, signal_name};
 use super::heads::Heads;
 use crate::process::NAMES;
 use runtime::{ClockMode, Position, now_ns};
@@ -42,20 +42,6 @@ pub fn ask_ns(hang_limit_ns: u64) -> u64 {
 /// How long a process may be silent, though asked several times: the limit, or what a few of its longest steps take.
 pub fn patience_ns(hang_limit_ns: u64, longest_step_ns: u64) -> u64 {
     hang_limit_ns.max(longest_step_ns.saturating_mul(LONGEST_STEPS))
-}
-
-/// What ended a process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Cause {
-    /// A signal for what it did itself, such as SIGSEGV, or a panic: a bug of the program.
-    Crash,
-    /// Another signal, which the launcher did not send.
-    Signal,
-    /// The launcher, because it hung or was to end.
-    Launcher,
-    /// It ended by itself.
-    Exit,
 }
 
 /// A process that ended before the run did.

@@ -3,17 +3,18 @@
 //!
 //! Until the handover step is crossed, whatever goes wrong leaves the old process in charge.
 
-use super::children::{Children, Phase};
-use super::control_socket::{Answer, Caller, Replacement, WaitNotice};
+use super::children::Children;
+use super::control_socket::{Answer, Caller, Replacement};
 use super::heads::Heads;
+use super::phase::Phase;
 use super::plan::Plan;
 use super::supervise::{Supervisor, handover_after_death};
+use super::swap_report::SwapReport;
 use crate::process::NAMES;
 use crate::screen::Screen;
 use anyhow::{Result, anyhow};
 use messages::{ProcessState, Report};
 use runtime::{Launcher, NEVER, Position, now_ns};
-use serde::Serialize;
 use std::thread::JoinHandle;
 
 const MS: u64 = 1_000_000;
@@ -31,48 +32,11 @@ const OWED_NS: u64 = 2_000 * MS;
 const AFTERWARDS: u32 = 4;
 /// How long crossing the handover step may take; in lockstep a driver's or a world's episode has to end first.
 const CROSS_NS: u64 = 600_000 * MS;
-/// How often who asked is told what is waited for.
-const TELL_NS: u64 = 1_000 * MS;
 /// Agreements tried before giving up: each looks twice as far ahead.
 const MOST_TRIES: u32 = 5;
 
-/// What a swap did.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct SwapReport {
-    /// The process.
-    pub process: String,
-    /// Its kind before.
-    pub from: String,
-    /// And after.
-    pub to: String,
-    /// Episode and step from which on the new process is active.
-    #[serde(rename = "border")]
-    pub handover: Option<Position>,
-    /// Steps that no process was active at, from the agreement on the handover step to some steps after it.
-    pub ticks_without_answer: u64,
-    /// Answers of that time that came later than a step after the world had sensed what they go back to.
-    pub late_answers: u64,
-    /// Messages that any port lost meanwhile.
-    pub lost_messages: u64,
-    /// Longest time between two of the process's messages, across the handover step, in ms.
-    pub longest_gap_ms: f64,
-    /// Agreements on a handover step that came too late.
-    pub tries: u32,
-    /// Learning, if the new human model had to, in ms.
-    pub learn_ms: f64,
-    /// From the start of the new process to its ports, in ms.
-    pub start_ms: f64,
-    /// From there until it had caught up, in ms.
-    pub catch_up_ms: f64,
-    /// From there until both had agreed to the handover step, in ms.
-    pub agree_ms: f64,
-    /// From there until the new process had spoken, in ms.
-    pub cross_ms: f64,
-    /// Whether the old process died before the handover step, so that the new took over at once.
-    pub old_died: bool,
-}
-
-enum Stage {
+/// What a swap waits for.
+pub(super) enum Stage {
     Learning(JoinHandle<Result<Plan>>),
     Starting,
     CatchingUp,
@@ -86,19 +50,19 @@ enum Stage {
 
 /// A swap under way.
 pub struct Swap {
-    place: usize,
+    pub(super) place: usize,
     /// What the launcher starts from now on, once the swap is done.
-    plan: Plan,
-    caller: Option<Caller>,
-    old: Option<u32>,
-    new: Option<u32>,
-    stage: Stage,
-    since_ns: u64,
-    handover: Position,
-    before: (u64, u64, u64),
-    report: SwapReport,
+    pub(super) plan: Plan,
+    pub(super) caller: Option<Caller>,
+    pub(super) old: Option<u32>,
+    pub(super) new: Option<u32>,
+    pub(super) stage: Stage,
+    pub(super) since_ns: u64,
+    pub(super) handover: Position,
+    pub(super) before: (u64, u64, u64),
+    pub(super) report: SwapReport,
     /// When the caller was last told what is waited for, and of which stage.
-    told: Option<(u64, u64)>,
+    pub(super) told: Option<(u64, u64)>,
 }
 
 /// What a swap needs of the run.
@@ -271,58 +235,6 @@ impl Swap {
         Ok(None)
     }
 
-    /// Tells who asked what is waited for: at once where that will take long, else after a second, and then once a second.
-    fn tell_waiting(&mut self, around: &Around) {
-        let now = now_ns();
-        let takes_long = match self.stage {
-            Stage::Learning(_) => true,
-            Stage::Crossing => self.waits_for_episode(),
-            _ => false,
-        };
-        let due_ns = match self.told {
-            Some((since_ns, told_ns)) if since_ns == self.since_ns => told_ns + TELL_NS,
-            _ if takes_long => 0,
-            _ => self.since_ns + TELL_NS,
-        };
-        if now < due_ns {
-            return;
-        }
-        let waiting = WaitNotice {
-            what: format!("{}: {}", self.report.process, self.waits_for()),
-            so_far: around
-                .heads
-                .newest(WORLD)
-                .map_or(String::new(), |(episode, step)| {
-                    format!("episode {episode} is at step {step}")
-                }),
-        };
-        if let Some(caller) = &mut self.caller {
-            caller.tell_waiting(waiting);
-        }
-        self.told = Some((self.since_ns, now));
-    }
-
-    /// What the present stage waits for, in words.
-    fn waits_for(&self) -> String {
-        let to = &self.report.to;
-        match self.stage {
-            Stage::Learning(_) => format!("{to} learns what it takes of the person"),
-            Stage::Starting => format!("{to} starts"),
-            Stage::CatchingUp => format!("{to} reads along until it has caught up"),
-            Stage::AskingNew | Stage::AskingOld => "old and new agree when to change".to_owned(),
-            Stage::TakingOver => format!("the old one died, and {to} goes on in its place"),
-            Stage::Crossing if self.waits_for_episode() => {
-                let before = self.handover.0.saturating_sub(1);
-                format!("changes between two episodes: {to} waits for the end of episode {before}")
-            }
-            Stage::Crossing => {
-                let (episode, step) = self.handover;
-                format!("{to} waits for episode {episode}, step {step}")
-            }
-            Stage::Settling => format!("{to} has taken over; its first steps are watched"),
-        }
-    }
-
     /// Takes in what a process said; only of the new one and the old one.
     ///
     /// # Errors
@@ -474,7 +386,7 @@ impl Swap {
     }
 
     /// Worlds and drivers change between two episodes; they have nothing to catch up on.
-    fn waits_for_episode(&self) -> bool {
+    pub(super) fn waits_for_episode(&self) -> bool {
         matches!(NAMES[self.place], "world" | "driver")
     }
 
@@ -553,4 +465,4 @@ impl Swap {
 }
 
 /// Place of the world in launch order.
-const WORLD: usize = 0;
+pub(super) const WORLD: usize = 0;

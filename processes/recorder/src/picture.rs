@@ -1,8 +1,8 @@
 //! Draws a gridworld's picture for Foxglove's 3D panel: a box for every wall, a letter for everything else that stands in a cell.
 
 use crate::ros::{Colour, Marker, Shape, Stamp};
-use crate::visual::text;
 use messages::{Display, Picture};
+use runtime::text_of;
 
 const WALL: Colour = [0.35, 0.35, 0.35, 1.0];
 const FLOOR: Colour = [0.8, 0.8, 0.8, 0.25];
@@ -14,7 +14,7 @@ const SAID: Colour = [1.0, 0.65, 0.0, 1.0];
 /// letters mean, above what is said.
 pub fn draw(picture: &Picture, display: &Display, stamp: Stamp) -> Vec<Marker> {
     let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
-    let drawing = text(&picture.text);
+    let drawing = text_of(&picture.text);
     let (cells, legend) = match drawing.trim_end().rsplit_once('\n') {
         Some((cells, legend)) => (cells, legend),
         None => ("", drawing.as_str()),
@@ -65,7 +65,7 @@ pub fn draw(picture: &Picture, display: &Display, stamp: Stamp) -> Vec<Marker> {
     let spoken = (display.utterance_count as usize).min(display.utterances.len());
     let said: Vec<_> = display.utterances[..spoken]
         .iter()
-        .map(|said| text(&said.text))
+        .map(|said| text_of(&said.text))
         .collect();
     if !said.is_empty() {
         write("said", 2.0, &said.join("\n"), SAID);

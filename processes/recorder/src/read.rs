@@ -8,6 +8,7 @@ use crate::body::Body;
 use crate::drive_time::{self, Anchor};
 pub use crate::found::{Damage, Ending, Found, ReadError};
 use crate::frames::{Frame, Frames, MOST_BYTES, PREFIX, is_chunk};
+use crate::schema::{Schema, body_of};
 use crate::setup::{self, Setup};
 use crate::topics::{Recorded, TOPICS};
 use mcap::records::{Record, op};
@@ -56,7 +57,7 @@ struct Reader<'a, V> {
     frames: Frames,
     /// Where the record at hand begins.
     byte: u64,
-    schemas: BTreeMap<u16, (String, Vec<u8>)>,
+    schemas: BTreeMap<u16, Schema>,
     /// For every channel of ours, its place in [`TOPICS`] and the bodies of its messages.
     channels: BTreeMap<u16, (usize, Body)>,
     /// A message's memory.
@@ -255,7 +256,9 @@ impl<'a, V: FnMut(&Recorded)> Reader<'a, V> {
             Record::Channel(channel) => {
                 let topic = channel.topic.strip_prefix('/').unwrap_or(&channel.topic);
                 if let Some(index) = TOPICS.iter().position(|known| known.name == topic) {
-                    let body = self.body_of(index, channel.schema_id, &channel.message_encoding)?;
+                    let schema = self.schemas.get(&channel.schema_id);
+                    let body = body_of(&TOPICS[index], schema, &channel.message_encoding)
+                        .map_err(|difference| self.version(index, difference))?;
                     self.channels.insert(channel.id, (index, body));
                     self.found.channels[index] = true;
                 }
@@ -344,45 +347,6 @@ impl<'a, V: FnMut(&Recorded)> Reader<'a, V> {
         }
         self.found.about = entries;
         Ok(())
-    }
-
-    /// The bodies of a channel's messages: as this version records them, or as versions before it did.
-    fn body_of(&self, topic: usize, schema: u16, encoding: &str) -> Result<Body, ReadError> {
-        let known = &TOPICS[topic];
-        if encoding != "cdr" {
-            return Err(self.version(topic, format!("encoded as {encoding:?}, not \"cdr\"")));
-        }
-        let Some((name, definition)) = self.schemas.get(&schema) else {
-            return Err(self.version(topic, "without a schema".to_owned()));
-        };
-        let expected = known.ros_type.replacen('/', "/msg/", 1);
-        if *name != expected {
-            return Err(self.version(topic, format!("{name}, expected {expected}")));
-        }
-        let (theirs, ours) = (String::from_utf8_lossy(definition), (known.definition)());
-        if theirs == ours {
-            return Ok(Body::of((known.fields)()));
-        }
-        if theirs == (known.memory_definition)() {
-            return Ok(Body::of_memory((known.fields)()));
-        }
-        let line = |text: &str, number: usize| {
-            text.lines()
-                .nth(number)
-                .map_or("nothing".to_owned(), |line| format!("{line:?}"))
-        };
-        let number = (0..)
-            .find(|number| line(&theirs, *number) != line(&ours, *number))
-            .unwrap_or(0);
-        Err(self.version(
-            topic,
-            format!(
-                "line {} of {name} is {}, this program's {}",
-                number + 1,
-                line(&theirs, number),
-                line(&ours, number)
-            ),
-        ))
     }
 
     fn version(&self, topic: usize, difference: String) -> ReadError {

@@ -11,17 +11,17 @@ use crate::body::Body;
 use crate::cdr::Cdr;
 use crate::drive_time::{Anchor, DriveTime};
 use crate::format::{closing, options, reason};
+pub use crate::head::RecordingError;
+use crate::head::{attachments, write_head};
 use crate::order::Order;
 use crate::outcome::metadata;
 pub use crate::outcome::{Lost, METADATA, Written};
-use crate::qos::Qos;
 use crate::ros::write_clock;
 pub use crate::setup::About;
-use crate::setup::{self, Setup};
 use crate::topics::{PerTopic, Recorded, TOPICS};
 use crate::visual::{CHANNELS, Channel, RoadLine, Visuals};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, McapError, Writer};
+use mcap::{McapError, Writer};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -36,35 +36,6 @@ const LOOK_MESSAGES: usize = 32;
 const LOOK_NS: u64 = 100_000_000;
 /// Messages that may wait for the drive to begin; a set whose world says nothing is recorded nevertheless.
 const MOST_EARLY: usize = 1024;
-
-/// Why a recording could not be started.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// The file cannot be created; its folder is missing, or may not be written.
-    #[error("recording {}: cannot be created: {source}", path.display())]
-    Create {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// A model file that shall travel with the recording cannot be read.
-    #[error("recording {}: cannot attach {source}", path.display())]
-    Attach {
-        /// The recording.
-        path: PathBuf,
-        /// What the system says, with the file's name.
-        source: io::Error,
-    },
-    /// The file was created, but its head could not be written.
-    #[error("recording {}: cannot write its head: {}", path.display(), reason(source))]
-    Head {
-        /// The file.
-        path: PathBuf,
-        /// What the writer says.
-        source: McapError,
-    },
-}
 
 /// Episode and step.
 type At = (u32, u32);
@@ -142,13 +113,15 @@ impl Recording {
             path: path.into(),
             source,
         };
+        let mut writer = options().create(file).map_err(head)?;
+        let (channels, derived) = write_head(&mut writer, about, &attached).map_err(head)?;
         let mut recording = Self {
             path: path.into(),
             about: about.clone(),
-            writer: Some(options().create(file).map_err(head)?),
+            writer: Some(writer),
             file: handle,
-            channels: [0; TOPICS.len()],
-            derived: [0; CHANNELS.len()],
+            channels,
+            derived,
             derived_count: [0; CHANNELS.len()],
             bodies: TOPICS
                 .iter()
@@ -174,7 +147,10 @@ impl Recording {
             error: None,
             interrupted: None,
         };
-        recording.write_head(&attached).map_err(head)?;
+        recording
+            .mark_sound()
+            .map_err(McapError::from)
+            .map_err(head)?;
         Ok(recording)
     }
 
@@ -186,37 +162,6 @@ impl Recording {
     /// Makes the disk seem slow: after every chunk, the writer sleeps. For tests of what a slow disk does.
     pub fn stall(&mut self, per_chunk: Duration) {
         self.stall = per_chunk;
-    }
-
-    fn write_head(&mut self, attached: &[Attachment]) -> Result<(), McapError> {
-        let Some(writer) = &mut self.writer else {
-            return Ok(());
-        };
-        let mut metadata = self.about.entries();
-        // Plain data; serialising fails only for a path that is not UTF-8, which cannot be recorded.
-        let setup = serde_json::to_string(&self.about.setup)
-            .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
-        metadata.insert(setup::KEY.to_owned(), setup);
-        writer.write_metadata(&Metadata {
-            name: setup::METADATA.to_owned(),
-            metadata,
-        })?;
-        for attachment in attached {
-            writer.attach(attachment)?;
-        }
-        let stream = Qos::Stream.metadata();
-        for (id, topic) in self.channels.iter_mut().zip(&TOPICS) {
-            let name = topic.ros_type.replacen('/', "/msg/", 1);
-            let schema = writer.add_schema(&name, "ros2msg", (topic.definition)().as_bytes())?;
-            *id = writer.add_channel(schema, &format!("/{}", topic.name), "cdr", &stream)?;
-        }
-        for (id, (topic, schema, qos)) in self.derived.iter_mut().zip(&CHANNELS) {
-            let schema = writer.add_schema(schema.name, "ros2msg", schema.definition.as_bytes())?;
-            *id = writer.add_channel(schema, topic, "cdr", &qos.metadata())?;
-        }
-        writer.flush()?;
-        self.mark_sound()?;
-        Ok(())
     }
 
     fn mark_sound(&mut self) -> io::Result<()> {
@@ -437,22 +382,4 @@ impl Recording {
         self.file.sync_all()?;
         Ok(())
     }
-}
-
-/// The files that a setup wants attached.
-fn attachments(setup: &Setup) -> io::Result<Vec<Attachment<'static>>> {
-    let attached = setup.files.iter().filter(|(_, file)| file.attached);
-    let read = |(name, file): (&String, &setup::ModelFile)| {
-        let data = std::fs::read(&file.path).map_err(|error| {
-            io::Error::new(error.kind(), format!("{}: {error}", file.path.display()))
-        })?;
-        Ok(Attachment {
-            log_time: 0,
-            create_time: 0,
-            name: name.clone(),
-            media_type: "application/octet-stream".to_owned(),
-            data: data.into(),
-        })
-    };
-    attached.map(read).collect()
 }

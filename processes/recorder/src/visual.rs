@@ -4,6 +4,8 @@
 //! roof; `lidar_low`, `lidar_mid` and `lidar_high` at the middle of the sensor's height bands.
 
 use crate::cdr::Cdr;
+use crate::highway_picture;
+pub use crate::highway_picture::RoadLine;
 use crate::picture;
 use crate::qos::Qos;
 use crate::ros::{
@@ -11,14 +13,13 @@ use crate::ros::{
     TF_MESSAGE, Transform, write_markers, write_transforms,
 };
 use crate::topics::Recorded;
-use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Message, ObjectPose, Picture, Scene};
+use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Message, Picture, Scene};
+use runtime::text_of;
 
 /// Reach of the LIDAR in metres.
 const REACH_M: f32 = 40.0;
 /// How long an utterance stays in the picture, in steps: about 3.5 s of the highway's 0.15 s.
 const UTTERANCE_STEPS: u32 = 23;
-/// Height drawn for every car; messages carry none.
-const CAR_HEIGHT_M: f64 = 1.5;
 /// Height of the LIDAR on the roof.
 const LIDAR_HEIGHT_M: f64 = 1.7;
 /// Frames of the height bands and the heights of their middles.
@@ -33,7 +34,6 @@ const UNSEEN: Colour = [0.45, 0.45, 0.45, 0.5];
 const SEEN: Colour = [0.85, 0.85, 0.85, 1.0];
 const HIGHLIGHTED: Colour = [1.0, 0.65, 0.0, 1.0];
 const TOUCHED: Colour = [0.9, 0.1, 0.1, 1.0];
-const PAINT: Colour = [0.9, 0.9, 0.9, 0.9];
 
 /// Where derived messages go: an index into [`CHANNELS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,15 +60,6 @@ pub const CHANNELS: [(&str, Schema, Qos); HEIGHT_BANDS + 4] = [
     ("/tf", TF_MESSAGE, Qos::Stream),
     ("/clock", CLOCK, Qos::Newest),
 ];
-
-/// A line painted on the road, or its edge.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct RoadLine {
-    /// Points in the world's frame, in metres.
-    pub points_m: Vec<[f64; 2]>,
-    /// Whether the line is broken, as between lanes.
-    pub dashed: bool,
-}
 
 /// Follows the messages and derives from each what is to be drawn.
 #[derive(Debug)]
@@ -136,7 +127,7 @@ impl Visuals {
             }
             Recorded::Display(display) => {
                 if display.utterance_count > 0 {
-                    let text = text(&display.utterances[0].text);
+                    let text = text_of(&display.utterances[0].text);
                     self.utterance = Some((text, display.header.step));
                 }
                 self.display = *display;
@@ -154,7 +145,7 @@ impl Visuals {
         };
         let markers: Vec<Marker> = (0..)
             .zip(lines)
-            .map(|(id, line)| road_line(stamp, id, line))
+            .map(|(id, line)| highway_picture::road_line(stamp, id, line))
             .collect();
         write_markers(&markers, cdr);
     }
@@ -229,16 +220,25 @@ impl Visuals {
     fn marker_list(&self, stamp: Stamp) -> Vec<Marker> {
         let scene = &self.scene;
         let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
-        markers.push(car(stamp, "ego", &scene.ego, EGO));
+        markers.push(highway_picture::car(stamp, "ego", &scene.ego, EGO));
         let count = (scene.count as usize).min(scene.objects.len());
         for object in &scene.objects[..count] {
-            markers.push(car(stamp, "car", object, self.colour(object.id)));
+            markers.push(highway_picture::car(
+                stamp,
+                "car",
+                object,
+                self.colour(object.id),
+            ));
         }
         if let Some((said, step)) = &self.utterance
             && scene.header.step.saturating_sub(*step) < UTTERANCE_STEPS
         {
             let mut marker = Marker::new(stamp, "utterance", 0, Shape::Text);
-            marker.pose.position = [scene.ego.x_m, scene.ego.y_m, 2.0 * CAR_HEIGHT_M];
+            marker.pose.position = [
+                scene.ego.x_m,
+                scene.ego.y_m,
+                2.0 * highway_picture::CAR_HEIGHT_M,
+            ];
             marker.scale = [1.0, 1.0, 1.0];
             marker.text.clone_from(said);
             markers.push(marker);
@@ -258,52 +258,6 @@ impl Visuals {
             UNSEEN
         }
     }
-}
-
-fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: Colour) -> Marker {
-    let mut marker = Marker::new(stamp, namespace, object.id, Shape::Cube);
-    marker.pose = Pose {
-        position: [object.x_m, object.y_m, 0.5 * CAR_HEIGHT_M],
-        heading_rad: f64::from(object.heading_rad),
-    };
-    marker.scale = [
-        f64::from(object.length_m),
-        f64::from(object.width_m),
-        CAR_HEIGHT_M,
-    ];
-    marker.colour = colour;
-    marker
-}
-
-/// A broken line draws every other of its pieces.
-fn road_line(stamp: Stamp, id: i32, line: &RoadLine) -> Marker {
-    let shape = if line.dashed {
-        Shape::LineList
-    } else {
-        Shape::LineStrip
-    };
-    let mut marker = Marker::new(stamp, "road", id, shape);
-    marker.scale = [0.15, 0.0, 0.0];
-    marker.colour = PAINT;
-    let pieces = if line.dashed {
-        line.points_m.len() & !1
-    } else {
-        line.points_m.len()
-    };
-    marker.points = line.points_m[..pieces]
-        .iter()
-        .map(|&[x, y]| [x, y, 0.0])
-        .collect();
-    marker
-}
-
-/// Zero-padded text, with whatever is not UTF-8 replaced.
-pub fn text(padded: &[u8]) -> String {
-    let end = padded
-        .iter()
-        .position(|&byte| byte == 0)
-        .unwrap_or(padded.len());
-    String::from_utf8_lossy(&padded[..end]).into_owned()
 }
 
 #[cfg(test)]

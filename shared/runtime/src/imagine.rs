@@ -9,8 +9,9 @@
 
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, Receive, Source};
-use crate::node::{Node, Wake};
+use crate::node::Node;
 use crate::output::{Loan, Output, Stamp};
+use crate::wait::Wake;
 use messages::{ImagineAnswer, ImagineRequest, ImagineStatus, topic};
 
 /// The planner's side.

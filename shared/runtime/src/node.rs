@@ -1,18 +1,20 @@
-//! A process's place in a run: it makes the ports, waits for messages, and reports to the launcher.
+//! A process's place in a run: it makes the ports, and counts steps. How it waits stands in `wait.rs`, how it heeds the launcher
+//! in `control.rs`, what it reports in `report.rs`.
 
 use crate::alloc_count::{allocations, transport_allocations};
 use crate::arguments::RunArguments;
-use crate::clock::{Ticker, now_ns};
+use crate::clock::now_ns;
 use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
-use crate::input::{Advance, Input, InputOptions, Receive, Source};
+use crate::input::{Input, InputOptions, Receive};
 use crate::output::Output;
 use crate::shared::Shared;
 use crate::signal;
-use crate::sleeper::{Sleeper, Woken};
+use crate::sleeper::Sleeper;
 use crate::timing::StageTimer;
 use crate::turn::Position;
-use messages::{Control, ControlCommand, Message, ProcessState, Report, topic};
+use crate::wait::Wake;
+use messages::{Control, Message, ProcessState, Report, topic};
 use std::os::fd::RawFd;
 use std::rc::Rc;
 
@@ -21,34 +23,21 @@ const WARM_UP_STEPS: u64 = 10;
 /// A process that is on standby has caught up after as many steps in a row as the self-model's belief was trained over.
 const CATCH_UP_STEPS: u64 = 8;
 
-/// Why a wait ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wake {
-    /// What was waited for is there.
-    Message,
-    /// What was waited for in order will not come any more: a later message is there instead.
-    Passed,
-    /// The deadline passed.
-    Deadline,
-    /// The process shall end: SIGTERM, SIGINT, the launcher's word or the launcher's death.
-    Stop,
-}
-
 /// A process's node.
 pub struct Node {
     pub(crate) report: Output<Report>,
-    control: Input<Control>,
+    pub(crate) control: Input<Control>,
     pub(crate) shared: Rc<Shared>,
     pub(crate) arguments: RunArguments,
-    launcher: RawFd,
+    pub(crate) launcher: RawFd,
     pub(crate) sleeper: Sleeper,
     pub(crate) timer: StageTimer,
     pub(crate) steps: u64,
     pub(crate) missed: u64,
     pub(crate) allocations: [u64; 2],
     allocations_before: [u64; 2],
-    started: bool,
-    stopped: bool,
+    pub(crate) started: bool,
+    pub(crate) stopped: bool,
     /// Steps to read in silence before the process says that it has caught up; 0 once it has.
     catch_up: u64,
     pub(crate) skipped: u64,
@@ -199,17 +188,6 @@ impl Node {
         self.catch_up = self.catch_up.min(1);
     }
 
-    /// Waits until the process is active at this position, for one that is on standby without reading.
-    ///
-    /// # Errors
-    /// As [`Node::wait`].
-    pub fn wait_turn(&mut self, episode: u32, step: u32) -> Result<Wake, NodeError> {
-        let shared = self.shared.clone();
-        self.wait_until(&mut [], None, |_| {
-            Ok(shared.turn.is_active((episode, step)))
-        })
-    }
-
     /// Tells the launcher that the process has come to the handover step from which on it is silent.
     ///
     /// # Errors
@@ -221,224 +199,6 @@ impl Node {
     /// From where on the process is active.
     pub fn active_from(&self) -> Position {
         self.shared.turn.from()
-    }
-
-    /// Waits until a message waits at any of `sources`, or until `deadline_ns` ([`now_ns`]).
-    ///
-    /// # Errors
-    /// [`NodeError::Port`], [`NodeError::System`].
-    pub fn wait(
-        &mut self,
-        sources: &mut [&mut dyn Source],
-        deadline_ns: Option<u64>,
-    ) -> Result<Wake, NodeError> {
-        self.wait_until(sources, deadline_ns, |sources| {
-            for source in sources.iter_mut() {
-                if source.pending()? {
-                    return Ok(true);
-                }
-            }
-            Ok(false)
-        })
-    }
-
-    /// Waits until every one of `sources` holds its message of this episode and step as the current one: lockstep.
-    /// [`Wake::Passed`] if an in-order source has a later message instead, as it happens to one that joins late or after
-    /// a death.
-    ///
-    /// # Errors
-    /// As [`Node::wait`].
-    pub fn wait_step(
-        &mut self,
-        sources: &mut [&mut dyn Source],
-        episode: u32,
-        step: u32,
-        deadline_ns: Option<u64>,
-    ) -> Result<Wake, NodeError> {
-        let mut passed = false;
-        let wake = self.wait_until(sources, deadline_ns, |sources| {
-            let mut complete = true;
-            for source in sources.iter_mut() {
-                match source.advance_to(episode, step)? {
-                    Advance::There => {}
-                    Advance::Waiting => complete = false,
-                    Advance::Passed => passed = true,
-                }
-            }
-            Ok(complete || passed)
-        })?;
-        if passed && wake == Wake::Message {
-            self.skipped += 1;
-            return Ok(Wake::Passed);
-        }
-        Ok(wake)
-    }
-
-    /// Waits for the ticker's next beat, ignoring messages, and counts the beats missed before it.
-    ///
-    /// # Errors
-    /// [`NodeError::Port`], [`NodeError::System`].
-    pub fn wait_tick(&mut self, ticker: &mut Ticker) -> Result<Wake, NodeError> {
-        let wake = self.wait_until(&mut [], Some(ticker.deadline_ns()), |_| Ok(false))?;
-        if wake == Wake::Deadline {
-            self.missed += ticker.advance(now_ns());
-        }
-        Ok(wake)
-    }
-
-    fn wait_until(
-        &mut self,
-        sources: &mut [&mut dyn Source],
-        deadline_ns: Option<u64>,
-        mut is_done: impl FnMut(&mut [&mut dyn Source]) -> Result<bool, NodeError>,
-    ) -> Result<Wake, NodeError> {
-        self.shared.fall_asleep();
-        let spin_end = match self.arguments.spin_us {
-            0 => 0,
-            spin => now_ns() + u64::from(spin) * 1_000,
-        };
-        let was_started = self.started;
-        let wake = loop {
-            if self.stop_requested() {
-                break Wake::Stop;
-            }
-            // The launcher first: one that always has work waiting must hear it, too.
-            if self.serve_control()? {
-                if self.started != was_started {
-                    break Wake::Message;
-                }
-                continue;
-            }
-            if is_done(sources)? {
-                break Wake::Message;
-            }
-            let now = now_ns();
-            if deadline_ns.is_some_and(|deadline| now >= deadline) {
-                break Wake::Deadline;
-            }
-            if now < spin_end {
-                core::hint::spin_loop();
-                continue;
-            }
-            // What is emptied is looked at again before the process sleeps: see `Sleeper`.
-            let mut emptied = self.sleeper.empty(&mut self.control);
-            for source in sources.iter_mut() {
-                emptied |= self.sleeper.empty(*source);
-            }
-            if !emptied {
-                self.sleep(sources, deadline_ns, now)?;
-            }
-        };
-        self.shared.wake_up();
-        Ok(wake)
-    }
-
-    fn sleep(
-        &mut self,
-        sources: &mut [&mut dyn Source],
-        deadline_ns: Option<u64>,
-        now: u64,
-    ) -> Result<(), NodeError> {
-        let sleeper = &mut self.sleeper;
-        sleeper.poll.clear();
-        sleeper.poll.add(signal::stop_descriptor());
-        sleeper.poll.add(self.launcher);
-        sleeper.poll.add(self.control.descriptor());
-        for source in sources.iter() {
-            sleeper.poll.add(source.descriptor());
-        }
-        let until_deadline = deadline_ns.map_or(u64::MAX, |deadline| deadline.saturating_sub(now));
-        let woken = sleeper.sleep(until_deadline)?;
-        if woken != Woken::Ready {
-            if woken != Woken::NapOver {
-                self.shared.connect();
-            }
-            sleeper.reset(&mut self.control)?;
-            for source in sources.iter_mut() {
-                sleeper.reset(*source)?;
-            }
-            return Ok(());
-        }
-        if sleeper.poll.is_ready(1) {
-            signal::launcher_died();
-        }
-        if sleeper.poll.is_ready(2) {
-            self.control.mark_notified();
-        }
-        for (index, source) in sources.iter_mut().enumerate() {
-            if sleeper.poll.is_ready(3 + index) {
-                source.mark_notified();
-            }
-        }
-        Ok(())
-    }
-
-    /// Heeds what the launcher says; false if it said nothing.
-    fn serve_control(&mut self) -> Result<bool, NodeError> {
-        let mut heard = false;
-        while self.control.take()? {
-            heard = true;
-            let Some(control) = self.control.message() else {
-                break;
-            };
-            let (command, process, run_id) =
-                (control.command(), control.process, control.header.run_id);
-            let (step, sent_ns) = (control.header.step, control.header.sent_ns);
-            if run_id != self.shared.run_id
-                || (process != Control::EVERYBODY && process != self.arguments.index)
-            {
-                continue;
-            }
-            let handover_step = (control.header.episode, step);
-            match command {
-                Ok(command @ (ControlCommand::Start | ControlCommand::TakeOver)) => {
-                    // Who joins later does not miss what was sent before.
-                    if !self.started && process == Control::EVERYBODY {
-                        self.shared.start_ns.set(sent_ns);
-                    }
-                    self.started = true;
-                    if command == ControlCommand::TakeOver {
-                        self.take_over(handover_step)?;
-                    }
-                }
-                Ok(ControlCommand::Stop) => self.stopped = true,
-                Ok(ControlCommand::Report) => self.send_report(ProcessState::Running, "")?,
-                Ok(ControlCommand::Connect) => self.shared.connect(),
-                Ok(ControlCommand::HandOver) => {
-                    let done = self.shared.turn.hand_over(handover_step);
-                    self.shared.release();
-                    self.answer_handover(done, handover_step)?;
-                }
-                // A later version's word, or another program's.
-                Err(_) => {}
-            }
-        }
-        Ok(heard)
-    }
-
-    fn take_over(&mut self, handover_step: Position) -> Result<(), NodeError> {
-        let done = self.shared.turn.take_over(handover_step);
-        if done {
-            self.forget_losses();
-            self.shared.connect();
-            self.shared.release();
-        }
-        self.answer_handover(done, handover_step)
-    }
-
-    fn forget_losses(&mut self) {
-        for counter in self.shared.counters.borrow().iter() {
-            counter.forget();
-        }
-        self.skipped = 0;
-    }
-
-    fn answer_handover(&self, done: bool, handover_step: Position) -> Result<(), NodeError> {
-        let state = match done {
-            true => ProcessState::HandoverAgreed,
-            false => ProcessState::TooLate,
-        };
-        Ok(self.send_report_at(state, "", handover_step)?)
     }
 
     /// Ends a step: its compute time goes into the histogram, and allocations are counted once the loop is steady.

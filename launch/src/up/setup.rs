@@ -1,12 +1,11 @@
 //! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
 
+use super::plan::Plan;
 use crate::inputs;
-use crate::process::NAMES;
-use crate::up::plan::Plan;
 use anyhow::{Context, Result};
 use driver::Acting;
 use recorder::setup::{ModelFile, SCHEMA, Setup};
-use runtime::{ClockMode, RunArguments};
+use runtime::ClockMode;
 use scenario::Scenario;
 use std::collections::BTreeMap;
 
@@ -18,17 +17,11 @@ pub const IMPLANTS: &str = "implants";
 /// Name of the simulated person's file, where it is the caller's: attached, for human models learn from them.
 pub const PERSON: &str = "person";
 
-/// What to write at the head of a recording.
+/// What to write at the head of a recording. `options`: every process's, by process.
 ///
 /// # Errors
 /// When a model file cannot be read.
-pub fn setup(plan: &Plan, run: &RunArguments) -> Result<Setup> {
-    let mut options = BTreeMap::new();
-    for (index, process) in NAMES.into_iter().enumerate() {
-        if process != "recorder" {
-            options.insert(process.to_owned(), plan.arguments(run, index)?.options);
-        }
-    }
+pub fn setup(plan: &Plan, options: BTreeMap<String, serde_json::Value>) -> Result<Setup> {
     let human: human::Options =
         serde_json::from_value(options["human"].clone()).context("options of human")?;
     let identify = |path| {
