@@ -309,7 +309,8 @@ fn python_ends_with_its_launcher() {
 /// A process that loses the datagram of its first frame, as the transport may lose it, and waits for a second one.
 const SWALLOWS: &str = r#"
 import os, socket, stat, sys
-from mirror_process import RUNNING, Node, RunArguments
+from mirror_messages import ProcessState
+from mirror_process import Node, RunArguments
 
 def sockets():
     return {int(fd) for fd in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{fd}")
@@ -329,7 +330,7 @@ with Node(RunArguments(sys.argv[-1])) as node:
     while not any(swallowed(fd) for fd in ours):  # it comes after its message
         pass
     assert node.wait_step(frames, (0, 0))
-    node._say(RUNNING, "swallowed")
+    node._say(ProcessState.RUNNING, "swallowed")
     assert node.wait_step(frames, (0, 1))
     assert node.lost_wakeups == 0, "it had to look up"
 "#;
