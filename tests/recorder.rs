@@ -95,7 +95,7 @@ struct Set {
 }
 
 impl Set {
-    fn new(root: &Path, options: &recorder::Options) -> Self {
+    fn new(root: &Path, options: &recorder::RecorderOptions) -> Self {
         let lock = InstanceLock::acquire(root, "parts").unwrap();
         let launcher = Launcher::open(lock, options.about.run_id, ClockMode::Lockstep).unwrap();
         let recorder = launcher
@@ -171,14 +171,14 @@ fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
     // What an older run left under the same names is no part of this one.
     std::fs::write(&file, b"something else").unwrap();
     std::fs::write(&second, b"something else").unwrap();
-    let options = recorder::Options {
+    let options = recorder::RecorderOptions {
         record: Some(file.clone()),
         result: Some(result.clone()),
         about: About {
             run_id: 77,
             ..About::default()
         },
-        ..recorder::Options::default()
+        ..recorder::RecorderOptions::default()
     };
     let mut set = Set::new(root.path(), &options);
     let mut child = set.start_recorder();

@@ -300,7 +300,7 @@ def attend(node: Node, mind: Mind):
         while questions.take():
             question = questions.message
             position = position_of(question)
-            if node.speaks(position):
+            if node.is_active(position):
                 answers.send(position, question.header.cause_ns, lambda answer: mind.answer(question, answer))
         if not displays.take():
             continue

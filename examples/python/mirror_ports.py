@@ -40,18 +40,18 @@ def position_of(message):
     return (message.header.episode, message.header.step)
 
 
-class Role:
-    """From when until when a process speaks: of two that change places, every step is one's or the other's."""
+class Turn:
+    """From when until when a process is active: of two that change places, every step is one's or the other's."""
 
     def __init__(self, standby: bool):
         self.begin = NEVER if standby else (0, 0)
         self.end = NEVER
         self.sent, self.passed, self.reached = None, None, None
 
-    def speaks(self, position) -> bool:
+    def is_active(self, position) -> bool:
         return self.begin <= position < self.end
 
-    def stands_by(self) -> bool:
+    def is_standby(self) -> bool:
         return self.begin == NEVER
 
     def note_sent(self, position):
@@ -61,24 +61,24 @@ class Role:
         self.passed = position if self.passed is None else max(self.passed, position)
 
     def has_retired(self) -> bool:
-        """Whether it owes nothing any more: there is no border to come to, or it has come there."""
+        """Whether it owes nothing any more: there is no handover step to come to, or it has come there."""
         return self.end == NEVER or (self.reached is not None and self.reached >= self.end)
 
-    def take_over(self, border) -> bool:
-        if self.passed is not None and self.passed >= border:
+    def take_over(self, handover_step) -> bool:
+        if self.passed is not None and self.passed >= handover_step:
             return False
-        self.begin, self.end = border, NEVER
+        self.begin, self.end = handover_step, NEVER
         return True
 
-    def hand_over(self, border) -> bool:
-        if self.sent is not None and self.sent >= border:
+    def hand_over(self, handover_step) -> bool:
+        if self.sent is not None and self.sent >= handover_step:
             return False
-        self.end = border
+        self.end = handover_step
         return True
 
 
 class Output:
-    """The sending side of a topic. A process that stands by, or has handed over, holds its messages back."""
+    """The sending side of a topic. A process that is on standby, or has handed over, holds its messages back."""
 
     def __init__(self, node, topic: str):
         service = node._open(topic)
@@ -106,16 +106,16 @@ class Output:
         header.run_id, header.cause_ns = self._node.arguments.run_id, cause_ns
         header.episode, header.step = position
         header.compute_ns = self._node.computed_ns(now_ns())
-        role = self._node.role
+        turn = self._node.turn
         if self._gated:
-            role.reached = position
-        if self._gated and not role.speaks(position):
+            turn.reached = position
+        if self._gated and not turn.is_active(position):
             if len(self._held) == MOST_HELD:
-                role.note_passed(self._held.popleft()[0])
+                turn.note_passed(self._held.popleft()[0])
             self._held.append((position, loan))
             return
         if self._gated:
-            role.note_sent(position)
+            turn.note_sent(position)
         self._dispatch(loan)
 
     def _dispatch(self, loan):
@@ -127,12 +127,12 @@ class Output:
 
     def _release(self):
         """Sends what was held back and is now this process's to say."""
-        role = self._node.role
+        turn = self._node.turn
         kept = deque()
         for position, loan in self._held:
-            if role.speaks(position):
+            if turn.is_active(position):
                 self._dispatch(loan)
-                role.note_sent(position)
+                turn.note_sent(position)
             else:
                 kept.append((position, loan))
         self._held = kept
@@ -197,7 +197,7 @@ class Input:
             expected = 0 if was_there else sequence
         self._next[sender] = sequence + 1
         # What a process misses of steps that are another's to speak of is missing nowhere.
-        begin = self._node.role.begin
+        begin = self._node.turn.begin
         if begin == (0, 0) or position_of(self.message) > begin:
             self.lost += max(0, sequence - expected)
 

@@ -2,7 +2,7 @@
 
 What a Rust process gets from the crate `runtime`, a Python process gets from here: the same topics with the same layout
 check, headers and loss counts, the same conversation with the launcher (ready, start, take over, hand over, report,
-stop), the same silence while it stands by, and an end within a second when its launcher dies. Needs iceoryx2 0.10 from
+stop), the same silence while it is on standby, and an end within a second when its launcher dies. Needs iceoryx2 0.10 from
 PyPI and Linux. `human_model.py` shows how it is used.
 """
 
@@ -17,9 +17,9 @@ import struct
 import iceoryx2 as iox2
 import mirror_messages as messages
 from mirror_messages import EVERYBODY, ControlCommand, ProcessState
-from mirror_ports import Input, Output, Role, follow_clock, now_ns, position_of
+from mirror_ports import Input, Output, Turn, follow_clock, now_ns, position_of
 
-#: Steps to read in silence before a process that stands by says that it has caught up.
+#: Steps to read in silence before a process that is on standby says that it has caught up.
 CATCH_UP_STEPS = 8
 #: A sleeping process looks up this often, to connect to those that joined meanwhile, and to find what did not wake it.
 LOOK_UP_NS = 250_000_000
@@ -98,7 +98,7 @@ class Node:
     """A process's place in a run. Used with `with`: what goes wrong inside is told to the launcher."""
 
     def __init__(self, arguments: RunArguments):
-        self.arguments, self.role, self.times = arguments, Role(arguments.standby), Times()
+        self.arguments, self.turn, self.times = arguments, Turn(arguments.standby), Times()
         self.start_ns, self.steps, self.missed, self.lost_wakeups = 0, 0, 0, 0
         self._has_emptied = False
         self._stopped = self._leaving = self._started = False
@@ -221,7 +221,7 @@ class Node:
 
     def wait(self, inputs) -> bool:
         """Waits until a message waits at any of `inputs`. False: the process shall end."""
-        # Also one that cannot keep pace, such as one that stands by, hears the launcher.
+        # Also one that cannot keep pace, such as one on standby, hears the launcher.
         if inputs:
             self._serve_control()
         return self._wait_until(inputs, lambda: any(source.pending() for source in inputs), None)
@@ -333,31 +333,31 @@ class Node:
                 continue
             if control.process not in (EVERYBODY, self.arguments.index):
                 continue
-            border = position_of(control)
+            handover_step = position_of(control)
             if control.command in (ControlCommand.START, ControlCommand.TAKE_OVER):
                 if not self._started and control.process == EVERYBODY:
                     self.start_ns = control.header.sent_ns
                 self._started = True
             if control.command == ControlCommand.STOP:
-                # Who has handed over still owes what lies before the border, unless the run is over for everybody.
+                # Who has handed over still owes what lies before the handover step, unless the run is over for everybody.
                 self._leaving = True
-                self._stopped = control.process == EVERYBODY or self.role.has_retired()
+                self._stopped = control.process == EVERYBODY or self.turn.has_retired()
             elif control.command == ControlCommand.REPORT:
                 self._say(ProcessState.RUNNING)
             elif control.command == ControlCommand.CONNECT:
                 self.connect()
             elif control.command == ControlCommand.TAKE_OVER:
-                done = self.role.take_over(border)
+                done = self.turn.take_over(handover_step)
                 if done:
                     for source in self._inputs:  # What it missed while it stood by is missing nowhere.
                         source.received = source.lost = 0
                     self.connect()
                     self._release()
-                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=border)
+                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=handover_step)
             elif control.command == ControlCommand.HAND_OVER:
-                done = self.role.hand_over(border)
+                done = self.turn.hand_over(handover_step)
                 self._release()
-                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=border)
+                self._say(ProcessState.HANDOVER_AGREED if done else ProcessState.TOO_LATE, about=handover_step)
         return heard
 
     def _release(self):
@@ -378,33 +378,33 @@ class Node:
                 port.topic = (ctypes.c_uint8 * 24)(*source.topic.encode()[:24])
                 port.received, port.lost = source.received, source.lost
 
-        self._report.send(about or self.role.sent or (0, 0), 0, write)
+        self._report.send(about or self.turn.sent or (0, 0), 0, write)
 
     # Steps
 
-    def speaks(self, position) -> bool:
+    def is_active(self, position) -> bool:
         """Whether it is this process's to send what is about this position. Outputs heed it by themselves."""
-        return self.role.speaks(position)
+        return self.turn.is_active(position)
 
     def skip(self, position):
         """This position passes without anything computed for it."""
-        self.role.note_passed(position)
-        self.role.reached = position
+        self.turn.note_passed(position)
+        self.turn.reached = position
 
     def computed_ns(self, now: int) -> int:
         """What this step computed until `now`, without waiting."""
         return self._banked_ns + now - self._woken_ns
 
     def end_step(self):
-        """Ends a step: its compute time is counted, and one that stands by may have caught up with it."""
+        """Ends a step: its compute time is counted, and one on standby may have caught up with it."""
         now = now_ns()
         self.times.record(self.computed_ns(now))
         self._banked_ns, self._woken_ns = 0, now
         self.steps += 1
-        self._stopped = self._stopped or (self._leaving and self.role.has_retired())
+        self._stopped = self._stopped or (self._leaving and self.turn.has_retired())
         if self._catch_up > 0:
             self._catch_up -= 1
-            if self._catch_up == 0 and self.role.stands_by():
+            if self._catch_up == 0 and self.turn.is_standby():
                 self._say(ProcessState.CAUGHT_UP)
 
     def __enter__(self) -> "Node":

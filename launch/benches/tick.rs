@@ -1,4 +1,4 @@
-//! A lockstep tick of the whole set without planning (DESIGN §9: at most 500 µs): `cargo bench -p mirror --bench tick`.
+//! A lockstep tick of the whole set without planning (at most 500 µs): `cargo bench -p mirror --bench tick`.
 //!
 //! Runs `mirror up --planner none --human self` over the six cases again and again, with the self-model that ships or,
 //! where none does, one of its sizes that learned nothing (which costs the same), and divides.

@@ -83,7 +83,7 @@ impl Stream {
 }
 
 /// What a printer's thread does for others.
-pub enum Order {
+pub enum PrintOrder {
     /// Writes a line.
     Line(Stream, String),
     /// Says that so many lines are missing here.
@@ -94,7 +94,7 @@ pub enum Order {
 
 /// The way to a thread that prints. Nobody who prints waits for whoever reads.
 pub struct Printer {
-    orders: Sender<Order>,
+    orders: Sender<PrintOrder>,
     /// Lines dropped since the last that found room.
     gap: Mutex<u64>,
     dropped: AtomicU64,
@@ -102,7 +102,7 @@ pub struct Printer {
 
 impl Printer {
     /// A printer, and what its thread is to do.
-    pub fn new() -> (Self, Receiver<Order>) {
+    pub fn new() -> (Self, Receiver<PrintOrder>) {
         let (orders, todo) = bounded(QUEUE);
         let printer = Self {
             orders,
@@ -115,11 +115,11 @@ impl Printer {
     /// Prints a line, or drops it where nobody reads. Whether it is the first that was dropped.
     pub fn line(&self, to: Stream, text: &str) -> bool {
         let mut gap = self.gap.lock().unwrap_or_else(PoisonError::into_inner);
-        if *gap > 0 && self.orders.try_send(Order::Gap(*gap)).is_ok() {
+        if *gap > 0 && self.orders.try_send(PrintOrder::Gap(*gap)).is_ok() {
             *gap = 0;
         }
         if *gap == 0 {
-            let sent = self.orders.try_send(Order::Line(to, text.to_owned()));
+            let sent = self.orders.try_send(PrintOrder::Line(to, text.to_owned()));
             if !matches!(sent, Err(TrySendError::Full(_))) {
                 return false;
             }
@@ -137,7 +137,7 @@ impl Printer {
     /// long any more once the program has been told to end. Whether all was written.
     pub fn drain(&self, say: impl FnOnce()) -> bool {
         let (told, all_told) = bounded(1);
-        let mut order = Some(Order::Told(told));
+        let mut order = Some(PrintOrder::Told(told));
         let (since, mut say) = (Instant::now(), Some(say));
         loop {
             order = match order.map(|order| self.orders.send_timeout(order, LOOK)) {
@@ -181,11 +181,13 @@ mod tests {
         assert!(!printer.line(Stream::Out, "lost too"));
         assert_eq!(printer.dropped(), 2);
         for line in 0..QUEUE {
-            assert!(matches!(todo.recv(), Ok(Order::Line(_, text)) if text == line.to_string()));
+            assert!(
+                matches!(todo.recv(), Ok(PrintOrder::Line(_, text)) if text == line.to_string())
+            );
         }
         assert!(!printer.line(Stream::Out, "again"));
-        assert!(matches!(todo.recv(), Ok(Order::Gap(2))));
-        assert!(matches!(todo.recv(), Ok(Order::Line(_, text)) if text == "again"));
+        assert!(matches!(todo.recv(), Ok(PrintOrder::Gap(2))));
+        assert!(matches!(todo.recv(), Ok(PrintOrder::Line(_, text)) if text == "again"));
         assert_eq!(printer.dropped(), 2);
     }
 }

@@ -5,16 +5,13 @@
 use crate::console::out;
 use crate::place;
 use anyhow::{Context, Result, bail};
-use models::imagined::ImaginedGroups;
-use models::{Beliefs, Communicated, HumanModel, Implants, Observations, SelfHuman, SelfModel};
+use models::{Beliefs, Implants, SelfHuman};
 use nn::Tensor;
 use planning::planner::{From, GROUPS, Planner};
-use planning::{ImaginedPeople, PeopleError, Settings};
+use planning::{Settings, ThreadedPeople};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scenario::Scenario;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 /// The scene of `mirror up` without options.
@@ -103,7 +100,16 @@ fn measure() -> Result<Pace> {
     person.fresh = false;
     person.mean.copy_from(&mean);
     person.deviation.copy_from(&std);
-    let mut people = ThreadedPeople::new(&model, person, settings.samples / GROUPS);
+    let shape = model.sizes.shape;
+    // What the implants have learned takes no time: these have learned nothing.
+    let implants = Implants::new(
+        latent,
+        shape.action,
+        true,
+        &mut ChaCha8Rng::seed_from_u64(1),
+    );
+    let human = SelfHuman::new(model.clone(), Some(implants));
+    let mut people = ThreadedPeople::spawn(human, person, settings.samples / GROUPS, &shape);
     let mut planner = Planner::new(settings, &model);
     let mut plans_ms = Vec::new();
     let since = Instant::now();
@@ -135,119 +141,6 @@ fn measure() -> Result<Pace> {
         step_ms: scene.step_ns() as f64 * 1e-6,
         settings,
     })
-}
-
-/// A question on its way to the other thread, or its answer on its way back; made once per group.
-struct Parcel {
-    group: usize,
-    rows: usize,
-    seed: u64,
-    known_action: Option<[f32; 2]>,
-    starts: bool,
-    observations: Observations,
-    communicated: Vec<Communicated>,
-    actions: Tensor,
-}
-
-/// A human model in another thread.
-struct ThreadedPeople {
-    to: SyncSender<Box<Parcel>>,
-    back: Receiver<Box<Parcel>>,
-    idle: [Option<Box<Parcel>>; GROUPS],
-}
-
-impl ThreadedPeople {
-    /// `rows`: people in a group. What the implants have learned takes no time: these have learned nothing.
-    fn new(model: &Arc<SelfModel>, person: Beliefs, rows: usize) -> Self {
-        let (to, questions) = sync_channel::<Box<Parcel>>(GROUPS);
-        let (answers, back) = sync_channel::<Box<Parcel>>(GROUPS);
-        let (latent, shape) = (model.sizes.latent, model.sizes.shape);
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let implants = Implants::new(latent, shape.action, true, &mut rng);
-        let mut human = SelfHuman::new(model.clone(), Some(implants));
-        std::thread::spawn(move || {
-            let mut groups = ImaginedGroups::new(human.latent(), shape.action, GROUPS, rows);
-            while let Ok(mut p) = questions.recv() {
-                let human = &mut human;
-                let known = p.known_action.as_ref().map(|action| &action[..]);
-                let actions = match p.starts {
-                    true => groups.start(human, &person, p.group, p.rows, p.seed, known),
-                    false => groups.step(human, p.group, &p.observations, &p.communicated, p.seed),
-                };
-                // Without an answer the other side hears that nobody is there.
-                let Ok(actions) = actions else { return };
-                p.actions.copy_from(actions);
-                if answers.send(p).is_err() {
-                    return;
-                }
-            }
-        });
-        let idle = std::array::from_fn(|group| {
-            Some(Box::new(Parcel {
-                group,
-                rows,
-                seed: 0,
-                known_action: None,
-                starts: true,
-                observations: Observations::new(&shape, rows),
-                communicated: vec![Communicated::default(); rows],
-                actions: Tensor::new(shape.action, rows),
-            }))
-        });
-        Self { to, back, idle }
-    }
-
-    fn send(&mut self, group: usize, fill: impl FnOnce(&mut Parcel)) -> Result<(), PeopleError> {
-        let mut parcel = self.idle[group].take().ok_or_else(gone)?;
-        fill(&mut parcel);
-        self.to.send(parcel).map_err(|_| gone())
-    }
-}
-
-fn gone() -> PeopleError {
-    PeopleError::Unreachable("its thread has ended".to_owned())
-}
-
-impl ImaginedPeople for ThreadedPeople {
-    fn start(
-        &mut self,
-        group: usize,
-        rows: usize,
-        seed: u64,
-        known_action: Option<&[f32]>,
-    ) -> Result<(), PeopleError> {
-        self.send(group, |p| {
-            (p.starts, p.rows, p.seed) = (true, rows, seed);
-            p.known_action = known_action.map(|action| [action[0], action[1]]);
-        })
-    }
-
-    fn ask(
-        &mut self,
-        group: usize,
-        observations: &Observations,
-        communicated: &[Communicated],
-        seed: u64,
-    ) -> Result<(), PeopleError> {
-        self.send(group, |p| {
-            (p.starts, p.seed) = (false, seed);
-            p.observations.visual.copy_from(&observations.visual);
-            p.observations.verbal.copy_from(&observations.verbal);
-            p.communicated.copy_from_slice(communicated);
-        })
-    }
-
-    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
-        while self.idle[group].is_none() {
-            let parcel = self.back.recv().map_err(|_| gone())?;
-            let place = parcel.group;
-            self.idle[place] = Some(parcel);
-        }
-        if let Some(parcel) = &self.idle[group] {
-            actions.copy_from(&parcel.actions);
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use crate::screen::Screen;
 use crate::suspend::Suspension;
 use crate::up::control_socket::{self, Question};
 use anyhow::{Context, Result, ensure};
-use profiler::{End, Observed, Profile, Samples, Trace, Until, Watch};
+use profiler::{Observed, Profile, Samples, Trace, Until, Watch, WatchEnd};
 use profiler::{compare, text};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     screen.status("watching".to_owned());
     let observed = watch.observe(until(arguments))?;
     let mut slowdown = None;
-    if arguments.own_cost > 0.0 && matches!(observed.end, End::Enough | End::Full) {
+    if arguments.own_cost > 0.0 && matches!(observed.end, WatchEnd::Enough | WatchEnd::Full) {
         screen.status("measuring what watching costs".to_owned());
         slowdown = profiler::cost_of_watching(&mut watch, &observed, arguments.own_cost)?;
     }

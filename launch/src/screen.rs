@@ -1,6 +1,6 @@
 //! The terminal: lines of several threads above one status line. Where there is no terminal, plain lines.
 
-use crate::console::{Order, Printer, Stream, gap_text};
+use crate::console::{PrintOrder, Printer, Stream, gap_text};
 use crate::failure::Failure;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -132,18 +132,18 @@ impl Shared {
 }
 
 /// Writes lines to the standard output.
-fn print(lines: &Receiver<Order>) {
+fn print(lines: &Receiver<PrintOrder>) {
     for order in lines {
         match order {
-            Order::Line(to, text) => to.write(&text),
-            Order::Gap(lines) => Stream::Out.write(&gap_text(lines)),
-            Order::Told(told) => drop(told.try_send(())),
+            PrintOrder::Line(to, text) => to.write(&text),
+            PrintOrder::Gap(lines) => Stream::Out.write(&gap_text(lines)),
+            PrintOrder::Told(told) => drop(told.try_send(())),
         }
     }
 }
 
 /// Writes lines above the status line, and draws that.
-fn draw(shared: &Shared, lines: &Receiver<Order>) {
+fn draw(shared: &Shared, lines: &Receiver<PrintOrder>) {
     let mut bar: Option<ProgressBar> = None;
     loop {
         let order = match shared.has_status {
@@ -168,9 +168,9 @@ fn draw(shared: &Shared, lines: &Receiver<Order>) {
             None => to.write(text),
         };
         match order {
-            Ok(Order::Line(to, text)) => above(to, &text),
-            Ok(Order::Gap(lines)) => above(Stream::Err, &gap_text(lines)),
-            Ok(Order::Told(told)) => drop(told.try_send(())),
+            Ok(PrintOrder::Line(to, text)) => above(to, &text),
+            Ok(PrintOrder::Gap(lines)) => above(Stream::Err, &gap_text(lines)),
+            Ok(PrintOrder::Told(told)) => drop(told.try_send(())),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }

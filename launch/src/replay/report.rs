@@ -5,7 +5,7 @@ use crate::place::ItemNames;
 use anyhow::{Context, Result};
 use messages::DecisionReason;
 use recorder::setup::KEY;
-use replay::{Decision, Drive, MissingSteps, Part, Row};
+use replay::{Drive, MissingSteps, Part, ReplayedDecision, Row};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -239,7 +239,7 @@ impl ReplayReport {
 }
 
 impl Totals {
-    fn add(&mut self, decision: &Decision) {
+    fn add(&mut self, decision: &ReplayedDecision) {
         self.visual_items += u64::from(decision.visual.count_ones());
         self.verbal_items += u64::from(decision.verbal.count_ones());
         self.steps_with_communication += u64::from(decision.visual | decision.verbal != 0);
@@ -252,7 +252,7 @@ impl Totals {
 }
 
 /// Whether it has a value: there was a planner, and the human model answered it.
-pub fn is_planned(decision: &Decision) -> bool {
+pub fn is_planned(decision: &ReplayedDecision) -> bool {
     !matches!(
         decision.reason(),
         Ok(DecisionReason::NoPlanner | DecisionReason::HumanSilent)

@@ -3,7 +3,7 @@
 use super::report::{ReplayReport, Same, is_planned};
 use crate::place::ItemNames;
 use messages::DecisionReason;
-use replay::{Decision, Row};
+use replay::{ReplayedDecision, Row};
 use std::fmt::Write;
 
 /// Most stretches of missing steps that are printed.
@@ -241,7 +241,7 @@ impl ReplayReport {
 }
 
 /// A decision in words.
-fn said(decision: &Decision, items: ItemNames) -> String {
+fn said(decision: &ReplayedDecision, items: ItemNames) -> String {
     let listed = |bits: u32, names: &[&str]| {
         let named = names
             .iter()

@@ -19,11 +19,11 @@ pub struct Resolved {
     /// What the recording was set up from.
     pub setup: Setup,
     /// For the belief process.
-    pub belief: belief::Options,
+    pub belief: belief::BeliefOptions,
     /// For the human-model process.
-    pub human: human::Options,
+    pub human: human::HumanOptions,
     /// For the planner process.
-    pub planner: planner::Options,
+    pub planner: planner::PlannerOptions,
     /// Recorded human model and planner, by name.
     pub then: (String, String),
     /// Digest of the self-model that is used.
@@ -33,12 +33,12 @@ pub struct Resolved {
     /// What the user should know before the replay starts.
     pub warnings: Vec<String>,
     /// Where implants come from that the recording does not have.
-    implants: Implants,
+    implants: ImplantsFrom,
     /// The simulated person, of a file that the recording has attached.
     person: Option<Acting>,
 }
 
-enum Implants {
+enum ImplantsFrom {
     None,
     Given(PathBuf),
     Attached,
@@ -58,9 +58,10 @@ impl Resolved {
                 recorder::setup::METADATA
             )
         })?;
-        let mut belief: belief::Options = options(&setup, "belief", &arguments.recording)?;
-        let mut human: human::Options = options(&setup, "human", &arguments.recording)?;
-        let mut planner: planner::Options = options(&setup, "planner", &arguments.recording)?;
+        let mut belief: belief::BeliefOptions = options(&setup, "belief", &arguments.recording)?;
+        let mut human: human::HumanOptions = options(&setup, "human", &arguments.recording)?;
+        let mut planner: planner::PlannerOptions =
+            options(&setup, "planner", &arguments.recording)?;
         let recorded_method = planner.method;
         let then = (
             human.kind.name().to_owned(),
@@ -111,17 +112,17 @@ impl Resolved {
                 {
                     differences.push(format!("implants {}", path.display()));
                 }
-                Implants::Given(path)
+                ImplantsFrom::Given(path)
             }
             (None, Kind::Ideal) => {
                 if human.person.is_none() {
                     human.person = Some(acting(&setup, &arguments.recording)?);
                 }
-                Implants::None
+                ImplantsFrom::None
             }
-            (None, Kind::Myself) => Implants::None,
-            (None, kind) if kind == human.kind => Implants::Attached,
-            (None, _) => Implants::Learn,
+            (None, Kind::Myself) => ImplantsFrom::None,
+            (None, kind) if kind == human.kind => ImplantsFrom::Attached,
+            (None, _) => ImplantsFrom::Learn,
         };
         human.kind = kind;
         if arguments.human.is_some() || arguments.planner.is_some() {
@@ -184,16 +185,16 @@ impl Resolved {
         }
         let path = directory.join("implants.safetensors");
         self.human.implants = match &self.implants {
-            Implants::None => None,
-            Implants::Given(path) => Some(path.clone()),
-            Implants::Attached => {
+            ImplantsFrom::None => None,
+            ImplantsFrom::Given(path) => Some(path.clone()),
+            ImplantsFrom::Attached => {
                 if !self.detach(IMPLANTS, drive, &path)? {
                     let recording = drive.parts[0].file.display();
                     bail!("{recording}: has no attachment \"{IMPLANTS}\"; give --implants");
                 }
                 Some(path)
             }
-            Implants::Learn => {
+            ImplantsFrom::Learn => {
                 self.learn(&drive.parts[0].file, &path)?;
                 Some(path)
             }
@@ -224,8 +225,8 @@ impl Resolved {
     /// Learns what the recorded person sees and does, as `mirror up` would have at its start.
     fn learn(&self, recording: &Path, path: &Path) -> Result<()> {
         let kind = self.human.kind;
-        let world: world::Options = options(&self.setup, "world", recording)?;
-        let driver: driver::Options = options(&self.setup, "driver", recording)?;
+        let world: world::WorldOptions = options(&self.setup, "world", recording)?;
+        let driver: driver::DriverOptions = options(&self.setup, "driver", recording)?;
         let scenario = match world.scenario {
             Scenario::Highway(mut road) => {
                 if let Some(file) = &road.recording {
@@ -266,7 +267,7 @@ impl Resolved {
 
 /// The simulated person of a recording, whose own model `ideal` is.
 fn acting(setup: &Setup, recording: &Path) -> Result<Acting> {
-    let driver: driver::Options = options(setup, "driver", recording)?;
+    let driver: driver::DriverOptions = options(setup, "driver", recording)?;
     match driver.scenario {
         Scenario::Gridworld(seat) => Ok(seat.person),
         Scenario::Highway(_) => bail!(

@@ -53,7 +53,7 @@ impl Set {
                 "belief" => plain.with_options(&resolved.belief),
                 "human" => plain.with_options(&resolved.human),
                 "planner" => plain.with_options(&resolved.planner),
-                _ => plain.with_options(&::replay::Options {
+                _ => plain.with_options(&::replay::ReplayOptions {
                     recording: recording.clone(),
                     rows: rows.to_owned(),
                 }),

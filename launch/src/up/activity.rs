@@ -4,7 +4,7 @@ use std::fs;
 
 /// What the threads of a process, and of those that it started, have done and are doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Activity {
+pub struct GroupActivity {
     /// Whether it was stopped, as by SIGSTOP or a debugger.
     pub is_stopped: bool,
     /// Whether a thread runs, waits for a processor, or for the disk.
@@ -13,7 +13,7 @@ pub struct Activity {
     pub ticks: u64,
 }
 
-impl Activity {
+impl GroupActivity {
     /// Of all processes in the group that `leader` leads; nothing of one that has ended.
     pub fn of_group(leader: u32) -> Self {
         let mut all = Self::default();
@@ -100,9 +100,9 @@ mod tests {
             );
         }
 
-        fn wait_until(&self, done: impl Fn(Activity) -> bool) -> Activity {
+        fn wait_until(&self, done: impl Fn(GroupActivity) -> bool) -> GroupActivity {
             loop {
-                let activity = Activity::of_group(self.0.id());
+                let activity = GroupActivity::of_group(self.0.id());
                 if done(activity) {
                     return activity;
                 }

@@ -1,6 +1,6 @@
 //! What a recording's file held before the run: kept until the new recording is whole.
 
-use super::plan::Plan;
+use super::plan::RunPlan;
 use files::{Aside, FileError};
 use recorder::parts::part_path;
 use recorder::read::run_of;
@@ -14,7 +14,7 @@ impl Before {
     ///
     /// # Errors
     /// Names the file; nothing is lost.
-    pub fn set_aside(plan: &Plan) -> Result<Self, FileError> {
+    pub fn set_aside(plan: &RunPlan) -> Result<Self, FileError> {
         let Some(path) = &plan.record else {
             return Ok(Self::default());
         };

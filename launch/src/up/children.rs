@@ -1,9 +1,9 @@
 //! The processes of a run, as operating-system processes: started, watched, ended.
 
-use super::activity::Activity;
+use super::activity::GroupActivity;
 use super::ended::{Cause, Ended, how_it_ended};
 use super::phase::Phase;
-use super::plan::Plan;
+use super::plan::RunPlan;
 use crate::guard;
 use crate::own;
 use crate::process::NAMES;
@@ -31,7 +31,7 @@ pub struct Child {
     /// When it was last heard of itself.
     pub answered_ns: u64,
     /// What it did when it was last looked at, since it has not answered.
-    pub activity: Option<Activity>,
+    pub activity: Option<GroupActivity>,
     /// Whether it was said that it computes for so long.
     pub was_waited_for: bool,
     /// What it said of its failure, or the launcher of why it is ended.
@@ -107,7 +107,12 @@ impl Children {
     ///
     /// # Errors
     /// When one cannot be started.
-    pub fn start_all(&mut self, plan: &Plan, launcher: &Launcher, screen: &Screen) -> Result<()> {
+    pub fn start_all(
+        &mut self,
+        plan: &RunPlan,
+        launcher: &Launcher,
+        screen: &Screen,
+    ) -> Result<()> {
         for place in 0..NAMES.len() {
             self.start(plan, launcher, screen, place, false)?;
         }
@@ -120,7 +125,7 @@ impl Children {
     /// When it cannot be started.
     pub fn start(
         &mut self,
-        plan: &Plan,
+        plan: &RunPlan,
         launcher: &Launcher,
         screen: &Screen,
         place: usize,
@@ -368,7 +373,7 @@ impl Drop for Children {
 }
 
 /// Our own executable, or the program that stands in for it.
-fn command(plan: &Plan, name: &str, arguments: &RunArguments) -> Result<Command> {
+fn command(plan: &RunPlan, name: &str, arguments: &RunArguments) -> Result<Command> {
     let file = arguments
         .write()
         .with_context(|| format!("arguments of {name}"))?;

@@ -13,7 +13,7 @@ const MOST_MISSING: usize = 1024;
 
 /// What is known of one topic.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Head {
+pub struct TopicHead {
     /// Newest position spoken of, and when.
     pub newest: Option<(Position, u64)>,
     /// Steps of an episode that were left out, since the run began.
@@ -26,25 +26,25 @@ pub struct Head {
 
 struct Track<M: Message> {
     input: Input<M>,
-    head: Head,
+    head: TopicHead,
     /// Steps that were left out so far: the last words of one sender may be read after the first of the next.
     missing: Vec<Position>,
     step_ns: u64,
 }
 
 /// A track of whichever message a domain's world sends.
-trait Follow {
+trait FollowTopic {
     fn update(&mut self) -> Result<()>;
-    fn head(&self) -> Head;
+    fn head(&self) -> TopicHead;
     fn forget_gap(&mut self);
 }
 
-impl<M: Message> Follow for Track<M> {
+impl<M: Message> FollowTopic for Track<M> {
     fn update(&mut self) -> Result<()> {
         Self::update(self)
     }
 
-    fn head(&self) -> Head {
+    fn head(&self) -> TopicHead {
         self.head
     }
 
@@ -57,7 +57,7 @@ impl<M: Message> Track<M> {
     fn new(launcher: &Launcher, topic: &'static str, step_ns: u64) -> Result<Self> {
         Ok(Self {
             input: launcher.input_with(topic, InputOptions::recorder())?,
-            head: Head::default(),
+            head: TopicHead::default(),
             missing: Vec::new(),
             step_ns,
         })
@@ -100,7 +100,7 @@ impl<M: Message> Track<M> {
 
 /// The heads of all processes but the recorder, which sends nothing.
 pub struct Heads {
-    world: Box<dyn Follow>,
+    world: Box<dyn FollowTopic>,
     driver: Track<DriverAction>,
     belief: Track<RobotBelief>,
     human: Track<HumanBelief>,
@@ -115,7 +115,7 @@ impl Heads {
     /// # Errors
     /// When a port cannot be made.
     pub fn new(launcher: &Launcher, step_ns: u64, is_gridworld: bool) -> Result<Self> {
-        let world: Box<dyn Follow> = if is_gridworld {
+        let world: Box<dyn FollowTopic> = if is_gridworld {
             let track = Track::<Observation>::new(launcher, topic::OBSERVATION, step_ns)?;
             Box::new(track)
         } else {
@@ -146,7 +146,7 @@ impl Heads {
     }
 
     /// The head of a process, by its place; the recorder's is the world's.
-    pub fn of(&self, place: usize) -> Head {
+    pub fn of(&self, place: usize) -> TopicHead {
         match NAMES[place] {
             "driver" => self.driver.head,
             "belief" => self.belief.head,

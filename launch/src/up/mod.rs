@@ -33,17 +33,17 @@ use crate::screen::Screen;
 use crate::suspend::Suspension;
 use before::Before;
 use control_socket::ControlSocket;
-use plan::Plan;
+use plan::RunPlan;
 use planner::PlannerMethod;
 use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use summary::{Ending, Summary};
+use summary::{Ending, RunSummary};
 
 /// Runs `mirror up`.
 pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
-    let mut plan = Plan::resolve(arguments).map_err(Failure::refused)?;
+    let mut plan = RunPlan::resolve(arguments).map_err(Failure::refused)?;
     doctor::check_open_files().map_err(Failure::refused)?;
     let lock = InstanceLock::take(&plan.instance).map_err(Failure::refused)?;
     let is_gridworld = plan.scene.gridworld().is_some();
@@ -68,7 +68,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let kept = before.settle(ending.as_ref().is_ok_and(is_whole));
     let summed = ending.map(|ending| {
         let (plan, tally) = run.close();
-        (Summary::new(&plan, &tally, ending), plan.summary)
+        (RunSummary::new(&plan, &tally, ending), plan.summary)
     });
     if let Ok((summary, _)) = &summed {
         screen.line(&summary.text(std::io::stdout().is_terminal()));

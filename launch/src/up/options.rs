@@ -1,6 +1,6 @@
 //! What each process of a run is started with: its options, made of the run's plan.
 
-use super::plan::Plan;
+use super::plan::RunPlan;
 use super::setup;
 use crate::learned::ImplantSource;
 use crate::process::NAMES;
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use world::HighwayRoad;
 
-impl Plan {
+impl RunPlan {
     /// The arguments that a process is started with.
     ///
     /// # Errors
@@ -34,20 +34,20 @@ impl Plan {
             Some(scene) => Scenario::Gridworld(scene.clone()),
         };
         let with_options = match process {
-            "world" => plain.with_options(&world::Options {
+            "world" => plain.with_options(&world::WorldOptions {
                 scenario: self.world(),
                 episodes: self.episodes,
                 seed: self.seed,
             }),
-            "driver" => plain.with_options(&driver::Options {
+            "driver" => plain.with_options(&driver::DriverOptions {
                 scenario: self.seat()?,
                 seed: self.seed,
             }),
-            "belief" => plain.with_options(&belief::Options {
+            "belief" => plain.with_options(&belief::BeliefOptions {
                 model: self.self_model.0.clone(),
                 scenario,
             }),
-            "human" => plain.with_options(&human::Options {
+            "human" => plain.with_options(&human::HumanOptions {
                 kind: self.human,
                 model: self.self_model.0.clone(),
                 implants: match &self.implants {
@@ -64,7 +64,7 @@ impl Plan {
                 scenario,
                 seed: self.seed,
             }),
-            "planner" => plain.with_options(&planner::Options {
+            "planner" => plain.with_options(&planner::PlannerOptions {
                 method: self.planner,
                 model: Some(self.self_model.0.clone()),
                 settings: self.settings,
@@ -73,7 +73,7 @@ impl Plan {
                 patience_ms: 50,
                 scenario,
             }),
-            "renderer" => plain.with_options(&renderer::Options {
+            "renderer" => plain.with_options(&renderer::RendererOptions {
                 step_s: self.scene.step_s() as f32,
                 speech_interval_s: match &self.scene.scenario {
                     Scenario::Highway(road) => road.scene.communication.speech_interval_s as f32,
@@ -83,7 +83,7 @@ impl Plan {
                 colours: screen::has_colours(),
                 scenario,
             }),
-            "recorder" => plain.with_options(&recorder::Options {
+            "recorder" => plain.with_options(&recorder::RecorderOptions {
                 record: self.record.clone(),
                 result: Some(self.recorder_result(run)),
                 about: self.about(run)?,
@@ -93,7 +93,7 @@ impl Plan {
                     }
                     Scenario::Gridworld(_) => Vec::new(),
                 },
-                ..recorder::Options::default()
+                ..recorder::RecorderOptions::default()
             }),
             other => bail!("there is no process {other:?}"),
         };

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 /// A run that can be started.
 #[derive(Clone)]
-pub struct Plan {
+pub struct RunPlan {
     /// Where.
     pub scene: NamedScene,
     /// Who drives.
@@ -61,7 +61,7 @@ pub struct Plan {
     pub(super) setup: OnceCell<Setup>,
 }
 
-impl Plan {
+impl RunPlan {
     /// Resolves the command line.
     ///
     /// # Errors
@@ -134,7 +134,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Whether [`Plan::learn`] has something to learn.
+    /// Whether [`RunPlan::learn`] has something to learn.
     pub fn must_learn(&self) -> bool {
         matches!(self.implants, ImplantSource::Learn(_))
     }

@@ -1,14 +1,14 @@
 //! A run from its start to the end of its last process.
 
-use super::activity::Activity;
+use super::activity::GroupActivity;
 use super::children::Children;
 use super::control_socket::ControlSocket;
 use super::ended::{Cause, Ended};
 use super::heads::Heads;
 use super::phase::Phase;
-use super::plan::Plan;
+use super::plan::RunPlan;
 use super::starting::{self, READY_NS};
-use super::summary::Ending;
+use super::summary::RunEnding;
 use super::supervise::{Supervisor, ask_ns, handover_after_death, next_handover, patience_ns};
 use super::swap::{Finished, Swap};
 use super::tally::Tally;
@@ -32,7 +32,7 @@ pub const RECORDER: usize = NAMES.len() - 1;
 
 /// A run.
 pub struct Run<'a> {
-    pub(super) plan: Plan,
+    pub(super) plan: RunPlan,
     pub(super) launcher: &'a mut Launcher,
     pub(super) screen: &'a Screen,
     pub(super) children: Children,
@@ -42,7 +42,7 @@ pub struct Run<'a> {
     pub(super) socket: ControlSocket,
     pub(super) suspension: Suspension,
     pub(super) swap: Option<Swap>,
-    pub(super) ending: Ending,
+    pub(super) ending: RunEnding,
     pub(super) started_ns: u64,
     pub(super) asked_ns: u64,
     pub(super) looked_ns: u64,
@@ -58,7 +58,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// When one cannot be started.
     pub fn open(
-        plan: Plan,
+        plan: RunPlan,
         launcher: &'a mut Launcher,
         socket: ControlSocket,
         suspension: Suspension,
@@ -82,7 +82,7 @@ impl<'a> Run<'a> {
             socket,
             suspension,
             swap: None,
-            ending: Ending::default(),
+            ending: RunEnding::default(),
             started_ns: now_ns(),
             asked_ns: 0,
             looked_ns: now_ns(),
@@ -95,7 +95,7 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// When the set does not start, or the launcher's own means fail; nobody is left alive.
-    pub fn complete(&mut self) -> Result<Ending> {
+    pub fn complete(&mut self) -> Result<RunEnding> {
         let result = self.start_watch_stop();
         if result.is_err() {
             self.children.end();
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
     }
 
     /// What is left of a run that is over.
-    pub fn close(self) -> (Plan, Tally) {
+    pub fn close(self) -> (RunPlan, Tally) {
         let mut tally = self.tally;
         tally.close();
         (self.plan, tally)
@@ -268,7 +268,7 @@ impl<'a> Run<'a> {
             let silent_ns = now.saturating_sub(child.heard_ns);
             // Everybody waits for a lockstep process that computes.
             if is_lockstep && silent_ns > patience_ns / 2 {
-                let activity = Activity::of_group(child.pid());
+                let activity = GroupActivity::of_group(child.pid());
                 let before = child.activity.replace(activity);
                 if before.is_some_and(|before| activity.computes_since(&before)) {
                     let computed_ns = now.saturating_sub(child.answered_ns);

@@ -1,6 +1,6 @@
 //! What a recording keeps of the run that made it, so that it can be replayed from nothing else.
 
-use super::plan::Plan;
+use super::plan::RunPlan;
 use crate::inputs;
 use anyhow::{Context, Result};
 use driver::Acting;
@@ -21,8 +21,8 @@ pub const PERSON: &str = "person";
 ///
 /// # Errors
 /// When a model file cannot be read.
-pub fn setup(plan: &Plan, options: BTreeMap<String, serde_json::Value>) -> Result<Setup> {
-    let human: human::Options =
+pub fn setup(plan: &RunPlan, options: BTreeMap<String, serde_json::Value>) -> Result<Setup> {
+    let human: human::HumanOptions =
         serde_json::from_value(options["human"].clone()).context("options of human")?;
     let identify = |path| {
         ModelFile::identify(path, true).context("what the recording shall say about its models")

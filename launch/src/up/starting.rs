@@ -3,7 +3,7 @@
 
 use super::children::Children;
 use super::control_socket::ControlSocket;
-use super::plan::Plan;
+use super::plan::RunPlan;
 use crate::process::NAMES;
 use crate::suspend::Suspension;
 use anyhow::{Result, anyhow, bail};
@@ -21,7 +21,7 @@ const LOOK_NS: u64 = 20 * MS;
 /// # Errors
 /// When that is not possible, or the user ends it.
 pub fn learn(
-    plan: &mut Plan,
+    plan: &mut RunPlan,
     launcher: &mut Launcher,
     socket: &mut ControlSocket,
     suspension: &Suspension,
@@ -54,7 +54,7 @@ pub fn learn(
 /// # Errors
 /// When one fails, ends, or takes too long, or the user ends it.
 pub fn wait_ready(
-    plan: &Plan,
+    plan: &RunPlan,
     launcher: &mut Launcher,
     children: &mut Children,
     socket: &mut ControlSocket,
@@ -102,7 +102,7 @@ pub fn wait_ready(
 }
 
 /// What a set that does not drive yet says of itself.
-fn early_status(plan: &Plan, phase: &str) -> serde_json::Value {
+fn early_status(plan: &RunPlan, phase: &str) -> serde_json::Value {
     let mut status = plan.status();
     status["phase"] = phase.into();
     status["processes"] = serde_json::Value::Array(Vec::new());

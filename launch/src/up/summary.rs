@@ -2,10 +2,10 @@
 
 use super::decisions::Decisions;
 use super::ended::Cause;
-use super::plan::Plan;
+use super::plan::RunPlan;
 use super::supervise::Death;
 use super::swap_report::SwapReport;
-use super::tally::{Episode, Tally};
+use super::tally::{EpisodeTally, Tally};
 use crate::place::ItemNames;
 use crate::process::NAMES;
 use anyhow::{Context, Result};
@@ -62,7 +62,7 @@ pub struct ProcessSummary {
 
 /// The summary's JSON.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct RunSummary {
     /// Scene.
     pub scene: String,
     /// What the scene's reader passed over: which of several planning problems is driven, what was left out.
@@ -135,7 +135,7 @@ pub struct Summary {
     /// What was recorded.
     pub recording: Option<RecorderResult>,
     /// What happened in each episode.
-    pub episode_list: Vec<Episode>,
+    pub episode_list: Vec<EpisodeTally>,
     /// What can be communicated.
     #[serde(skip)]
     pub items: ItemNames,
@@ -143,7 +143,7 @@ pub struct Summary {
 
 /// What the launcher learned besides the tally.
 #[derive(Default)]
-pub struct Ending {
+pub struct RunEnding {
     /// Each process's last report.
     pub reports: [Option<Report>; NAMES.len()],
     /// Who ended before the run did.
@@ -164,15 +164,15 @@ pub struct Ending {
     pub recording: Option<RecorderResult>,
 }
 
-impl Summary {
+impl RunSummary {
     /// Puts it together.
-    pub fn new(plan: &Plan, tally: &Tally, ending: Ending) -> Self {
+    pub fn new(plan: &RunPlan, tally: &Tally, ending: RunEnding) -> Self {
         let done = tally
             .episodes
             .iter()
             .filter(|episode| episode.end != "running");
         let rewards: Vec<f64> = done.clone().map(|episode| episode.reward).collect();
-        let sum = |of: fn(&Episode) -> u64| tally.episodes.iter().map(of).sum();
+        let sum = |of: fn(&EpisodeTally) -> u64| tally.episodes.iter().map(of).sum();
         let died_of = |cause| {
             let of_it = ending.deaths.iter().filter(|death| death.cause == cause);
             of_it.count() as u64

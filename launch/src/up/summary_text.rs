@@ -1,9 +1,9 @@
 //! The end of a run as a table for people.
 
 use super::ended::Cause;
-use super::summary::{Percentiles, ProcessSummary, Summary, is_our_crash};
+use super::summary::{Percentiles, ProcessSummary, RunSummary, is_our_crash};
 use super::supervise::Death;
-use super::tally::Episode;
+use super::tally::EpisodeTally;
 use crate::process::NAMES;
 use profiler::units::{count, time_us};
 use runtime::ClockMode;
@@ -12,7 +12,7 @@ use std::fmt::Write;
 /// Episodes that the text lists.
 const MOST_EPISODES: usize = 40;
 
-impl Summary {
+impl RunSummary {
     /// The summary for people, with colours or without.
     pub fn text(&self, colours: bool) -> String {
         let mut out = String::new();
@@ -77,8 +77,8 @@ impl Summary {
         }
     }
 
-    fn write_episode(&self, episode: &Episode, out: &mut String) {
-        let Episode {
+    fn write_episode(&self, episode: &EpisodeTally, out: &mut String) {
+        let EpisodeTally {
             episode: number,
             steps,
             end,

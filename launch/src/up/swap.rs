@@ -7,7 +7,7 @@ use super::children::Children;
 use super::control_socket::{Answer, Caller, Replacement};
 use super::heads::Heads;
 use super::phase::Phase;
-use super::plan::Plan;
+use super::plan::RunPlan;
 use super::supervise::{Supervisor, handover_after_death};
 use super::swap_report::SwapReport;
 use crate::process::NAMES;
@@ -36,8 +36,8 @@ const CROSS_NS: u64 = 600_000 * MS;
 const MOST_TRIES: u32 = 5;
 
 /// What a swap waits for.
-pub(super) enum Stage {
-    Learning(JoinHandle<Result<Plan>>),
+pub(super) enum SwapStage {
+    Learning(JoinHandle<Result<RunPlan>>),
     Starting,
     CatchingUp,
     AskingNew,
@@ -52,11 +52,11 @@ pub(super) enum Stage {
 pub struct Swap {
     pub(super) place: usize,
     /// What the launcher starts from now on, once the swap is done.
-    pub(super) plan: Plan,
+    pub(super) plan: RunPlan,
     pub(super) caller: Option<Caller>,
     pub(super) old: Option<u32>,
     pub(super) new: Option<u32>,
-    pub(super) stage: Stage,
+    pub(super) stage: SwapStage,
     pub(super) since_ns: u64,
     pub(super) handover: Position,
     pub(super) before: (u64, u64, u64),
@@ -83,7 +83,7 @@ pub struct Around<'a> {
 /// How a swap ended.
 pub enum Finished {
     /// The new process is in charge: this is the plan from now on.
-    Done(Box<Plan>, SwapReport),
+    Done(Box<RunPlan>, SwapReport),
     /// The old one still is.
     Failed(String),
 }
@@ -94,7 +94,7 @@ impl Swap {
     /// # Errors
     /// When nothing of that kind can be started.
     pub fn begin(
-        plan: &Plan,
+        plan: &RunPlan,
         asked: &Replacement,
         caller: Caller,
         around: &mut Around,
@@ -121,7 +121,7 @@ impl Swap {
             caller: Some(caller),
             old: around.children.active(place).map(|child| child.index),
             new: None,
-            stage: Stage::Starting,
+            stage: SwapStage::Starting,
             since_ns: now_ns(),
             handover: NEVER,
             before: (0, 0, 0),
@@ -130,7 +130,7 @@ impl Swap {
         };
         if swap.plan.must_learn() {
             let (mut plan, run) = (swap.plan.clone(), around.launcher.arguments().clone());
-            swap.stage = Stage::Learning(std::thread::spawn(move || {
+            swap.stage = SwapStage::Learning(std::thread::spawn(move || {
                 plan.learn(&run)?;
                 Ok(plan)
             }));
@@ -164,12 +164,12 @@ impl Swap {
             .children
             .start(&self.plan, around.launcher, screen, self.place, true)?;
         self.new = Some(index);
-        self.enter(Stage::Starting);
+        self.enter(SwapStage::Starting);
         Ok(())
     }
 
     /// Enters a stage; returns how long the last one took, in ms.
-    fn enter(&mut self, stage: Stage) -> f64 {
+    fn enter(&mut self, stage: SwapStage) -> f64 {
         let now = now_ns();
         let took = (now - self.since_ns) as f64 / MS as f64;
         (self.stage, self.since_ns) = (stage, now);
@@ -184,9 +184,9 @@ impl Swap {
         let waited = now_ns().saturating_sub(self.since_ns);
         let failed = |why: &str| Ok(Some(Finished::Failed(why.to_owned())));
         match &mut self.stage {
-            Stage::Learning(thread) if thread.is_finished() => {
-                let learning = std::mem::replace(&mut self.stage, Stage::Starting);
-                let Stage::Learning(thread) = learning else {
+            SwapStage::Learning(thread) if thread.is_finished() => {
+                let learning = std::mem::replace(&mut self.stage, SwapStage::Starting);
+                let SwapStage::Learning(thread) = learning else {
                     return Ok(None);
                 };
                 match thread.join() {
@@ -194,17 +194,21 @@ impl Swap {
                     Ok(Err(error)) => return failed(&format!("learning: {error:#}")),
                     Err(_) => return failed("learning failed"),
                 }
-                self.report.learn_ms = self.enter(Stage::Starting);
+                self.report.learn_ms = self.enter(SwapStage::Starting);
                 if let Err(error) = self.start(around) {
                     return failed(&format!("{error:#}"));
                 }
             }
-            Stage::Starting if waited > START_NS => return failed("not ready in time"),
-            Stage::CatchingUp if waited > CATCH_UP_NS => return failed("did not catch up in time"),
-            Stage::AskingNew | Stage::AskingOld | Stage::TakingOver if waited > AGREE_NS => {
+            SwapStage::Starting if waited > START_NS => return failed("not ready in time"),
+            SwapStage::CatchingUp if waited > CATCH_UP_NS => {
+                return failed("did not catch up in time");
+            }
+            SwapStage::AskingNew | SwapStage::AskingOld | SwapStage::TakingOver
+                if waited > AGREE_NS =>
+            {
                 return failed("no answer to the border in time");
             }
-            Stage::Crossing => {
+            SwapStage::Crossing => {
                 let head = around.heads.of(self.place);
                 let crossed = head
                     .newest
@@ -212,13 +216,13 @@ impl Swap {
                 // An old process that is slower may still owe steps before the handover step.
                 let owes_nothing = head.left_out <= self.before.0;
                 if crossed && (owes_nothing || waited > OWED_NS) {
-                    self.report.cross_ms = self.enter(Stage::Settling);
+                    self.report.cross_ms = self.enter(SwapStage::Settling);
                     self.retire_old(around)?;
                 } else if !crossed && waited > CROSS_NS {
                     return failed("the border was not reached in time");
                 }
             }
-            Stage::Settling => {
+            SwapStage::Settling => {
                 let (episode, step) = self.handover;
                 let settled = around.heads.newest(self.place) >= Some((episode, step + AFTERWARDS));
                 let old_is_gone = self
@@ -251,8 +255,8 @@ impl Swap {
             return Ok(None); // an answer to an earlier proposal
         }
         match (&self.stage, state) {
-            (Stage::Starting, Ok(ProcessState::Ready)) if index == self.new => {
-                self.report.start_ms = self.enter(Stage::CatchingUp);
+            (SwapStage::Starting, Ok(ProcessState::Ready)) if index == self.new => {
+                self.report.start_ms = self.enter(SwapStage::CatchingUp);
                 if self.old.is_none() {
                     self.take_over_at_once(around)?;
                 } else {
@@ -260,35 +264,35 @@ impl Swap {
                     around.launcher.start_process(report.index)?;
                     around.launcher.connect_all()?;
                     if self.waits_for_episode() {
-                        self.report.catch_up_ms = self.enter(Stage::CatchingUp);
+                        self.report.catch_up_ms = self.enter(SwapStage::CatchingUp);
                         self.agree(around)?;
                     }
                 }
             }
-            (Stage::CatchingUp, Ok(ProcessState::CaughtUp)) if index == self.new => {
-                self.report.catch_up_ms = self.enter(Stage::CatchingUp);
+            (SwapStage::CatchingUp, Ok(ProcessState::CaughtUp)) if index == self.new => {
+                self.report.catch_up_ms = self.enter(SwapStage::CatchingUp);
                 self.agree(around)?;
             }
-            (Stage::AskingNew, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
+            (SwapStage::AskingNew, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
                 self.ask_old(around)?;
             }
-            (Stage::AskingOld, Ok(ProcessState::HandoverAgreed)) if index == self.old => {
-                self.report.agree_ms += self.enter(Stage::Crossing);
+            (SwapStage::AskingOld, Ok(ProcessState::HandoverAgreed)) if index == self.old => {
+                self.report.agree_ms += self.enter(SwapStage::Crossing);
                 self.report.handover = Some(self.handover);
             }
-            (Stage::Crossing, Ok(ProcessState::Retired))
+            (SwapStage::Crossing, Ok(ProcessState::Retired))
                 if index == self.old && self.place == WORLD && self.new.is_some() =>
             {
                 if let Some(new) = self.new {
                     around.launcher.take_over(new, self.handover)?;
                 }
             }
-            (Stage::TakingOver, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
+            (SwapStage::TakingOver, Ok(ProcessState::HandoverAgreed)) if index == self.new => {
                 self.report.handover = Some(self.handover);
-                self.report.agree_ms += self.enter(Stage::Crossing);
+                self.report.agree_ms += self.enter(SwapStage::Crossing);
                 around.supervisor.is_back(self.place);
             }
-            (Stage::TakingOver, Ok(ProcessState::TooLate)) if index == self.new => {
+            (SwapStage::TakingOver, Ok(ProcessState::TooLate)) if index == self.new => {
                 // It has passed over what its dead predecessor left unsaid, and cannot go back: another one can.
                 self.report.tries += 1;
                 if self.report.tries >= MOST_TRIES {
@@ -301,9 +305,10 @@ impl Swap {
                     return Ok(Some(Finished::Failed(format!("{error:#}"))));
                 }
             }
-            (Stage::AskingNew | Stage::AskingOld | Stage::Crossing, Ok(ProcessState::TooLate))
-                if index == self.new || index == self.old =>
-            {
+            (
+                SwapStage::AskingNew | SwapStage::AskingOld | SwapStage::Crossing,
+                Ok(ProcessState::TooLate),
+            ) if index == self.new || index == self.old => {
                 if self.report.tries >= MOST_TRIES {
                     return Ok(Some(Finished::Failed(
                         "every border had passed before both had heard of it".to_owned(),
@@ -338,11 +343,11 @@ impl Swap {
         }
         if self.old == Some(index) {
             self.old = None;
-            if matches!(self.stage, Stage::Settling) {
+            if matches!(self.stage, SwapStage::Settling) {
                 return Ok(None);
             }
             self.report.old_died = true;
-            if !matches!(self.stage, Stage::Learning(_) | Stage::Starting) {
+            if !matches!(self.stage, SwapStage::Learning(_) | SwapStage::Starting) {
                 self.take_over_at_once(around)?;
             }
         }
@@ -361,7 +366,7 @@ impl Swap {
             },
             Finished::Failed(why) => {
                 if let Some(old) = self.old
-                    && matches!(self.stage, Stage::AskingOld | Stage::Crossing)
+                    && matches!(self.stage, SwapStage::AskingOld | SwapStage::Crossing)
                 {
                     around.launcher.hand_over(old, NEVER)?;
                 }
@@ -409,7 +414,7 @@ impl Swap {
             let head = around.heads.of(self.place);
             self.before = (head.left_out, head.late, around.lost);
         }
-        self.report.agree_ms += self.enter(Stage::AskingNew);
+        self.report.agree_ms += self.enter(SwapStage::AskingNew);
         match self.new {
             // A world acts by itself: it is told when the old one has stopped.
             Some(_) if self.place == WORLD => self.ask_old(around),
@@ -419,7 +424,7 @@ impl Swap {
     }
 
     fn ask_old(&mut self, around: &mut Around) -> Result<()> {
-        self.report.agree_ms += self.enter(Stage::AskingOld);
+        self.report.agree_ms += self.enter(SwapStage::AskingOld);
         match self.old {
             Some(old) => Ok(around.launcher.hand_over(old, self.handover)?),
             None => self.take_over_at_once(around),
@@ -439,7 +444,7 @@ impl Swap {
     fn take_over_at_once(&mut self, around: &mut Around) -> Result<()> {
         let clock = around.launcher.arguments().clock;
         self.handover = handover_after_death(clock, around.heads, self.place);
-        self.enter(Stage::TakingOver);
+        self.enter(SwapStage::TakingOver);
         if let Some(new) = self.new {
             self.set_phase(around, Phase::Active);
             around.launcher.take_over(new, self.handover)?;

@@ -1,7 +1,7 @@
 //! What a swap under way waits for, told to who asked for it.
 
 use super::control_socket::WaitNotice;
-use super::swap::{Around, Stage, Swap, WORLD};
+use super::swap::{Around, Swap, SwapStage, WORLD};
 use runtime::now_ns;
 
 /// How often who asked is told what is waited for.
@@ -12,8 +12,8 @@ impl Swap {
     pub(super) fn tell_waiting(&mut self, around: &Around) {
         let now = now_ns();
         let takes_long = match self.stage {
-            Stage::Learning(_) => true,
-            Stage::Crossing => self.waits_for_episode(),
+            SwapStage::Learning(_) => true,
+            SwapStage::Crossing => self.waits_for_episode(),
             _ => false,
         };
         let due_ns = match self.told {
@@ -43,20 +43,22 @@ impl Swap {
     fn waits_for(&self) -> String {
         let to = &self.report.to;
         match self.stage {
-            Stage::Learning(_) => format!("{to} learns what it takes of the person"),
-            Stage::Starting => format!("{to} starts"),
-            Stage::CatchingUp => format!("{to} reads along until it has caught up"),
-            Stage::AskingNew | Stage::AskingOld => "old and new agree when to change".to_owned(),
-            Stage::TakingOver => format!("the old one died, and {to} goes on in its place"),
-            Stage::Crossing if self.waits_for_episode() => {
+            SwapStage::Learning(_) => format!("{to} learns what it takes of the person"),
+            SwapStage::Starting => format!("{to} starts"),
+            SwapStage::CatchingUp => format!("{to} reads along until it has caught up"),
+            SwapStage::AskingNew | SwapStage::AskingOld => {
+                "old and new agree when to change".to_owned()
+            }
+            SwapStage::TakingOver => format!("the old one died, and {to} goes on in its place"),
+            SwapStage::Crossing if self.waits_for_episode() => {
                 let before = self.handover.0.saturating_sub(1);
                 format!("changes between two episodes: {to} waits for the end of episode {before}")
             }
-            Stage::Crossing => {
+            SwapStage::Crossing => {
                 let (episode, step) = self.handover;
                 format!("{to} waits for episode {episode}, step {step}")
             }
-            Stage::Settling => format!("{to} has taken over; its first steps are watched"),
+            SwapStage::Settling => format!("{to} has taken over; its first steps are watched"),
         }
     }
 }

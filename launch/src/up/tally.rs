@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// Something said.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Said {
+pub struct SaidItem {
     /// Simulated seconds since the episode began.
     pub time_s: f64,
     /// The item that it was about: on the highway, a sector.
@@ -29,7 +29,7 @@ pub struct Notice {
 
 /// A visual item shown without a break: on the highway, a highlighted sector.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Shown {
+pub struct ShownItem {
     /// Simulated seconds since the episode began.
     pub time_s: f64,
     /// How long, in simulated seconds.
@@ -40,7 +40,7 @@ pub struct Shown {
 
 /// An episode.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Episode {
+pub struct EpisodeTally {
     /// Its number, from 0.
     pub episode: u32,
     /// Control steps driven.
@@ -58,9 +58,9 @@ pub struct Episode {
     /// Cost of all that was communicated.
     pub communication_cost: f64,
     /// Utterances, in order.
-    pub said: Vec<Said>,
+    pub said: Vec<SaidItem>,
     /// Highlights, in order of their beginnings.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<ShownItem>,
     /// What the person was told of the assistant itself: that it does not keep up, and that it does again.
     pub notices: Vec<Notice>,
     /// For each visual item, the place in `shown` of the highlight that lasts.
@@ -82,7 +82,7 @@ pub struct Tally {
     /// What can be communicated.
     pub items: ItemNames,
     /// Every episode that began.
-    pub episodes: Vec<Episode>,
+    pub episodes: Vec<EpisodeTally>,
     /// From the world's sensing to the display that shows it, in ns.
     pub sensing_to_display: StageTimer,
     /// From the world's sensing to the decision about it, in ns.
@@ -191,19 +191,19 @@ impl Tally {
     }
 }
 
-fn entry(episodes: &mut Vec<Episode>, number: u32) -> &mut Episode {
+fn entry(episodes: &mut Vec<EpisodeTally>, number: u32) -> &mut EpisodeTally {
     while episodes.len() <= number as usize {
         let episode = episodes.len() as u32;
-        episodes.push(Episode {
+        episodes.push(EpisodeTally {
             episode,
             end: "running",
-            ..Episode::default()
+            ..EpisodeTally::default()
         });
     }
     &mut episodes[number as usize]
 }
 
-impl Episode {
+impl EpisodeTally {
     fn step(&mut self, outcome: &Outcome) {
         self.steps = self.steps.max(outcome.header.step);
         self.reward += f64::from(outcome.reward);
@@ -227,7 +227,7 @@ impl Episode {
             }
             self.visual_items += 1;
             let place = *self.lit[item].get_or_insert_with(|| {
-                self.shown.push(Shown {
+                self.shown.push(ShownItem {
                     time_s,
                     duration_s: 0.0,
                     item: name,
@@ -252,7 +252,7 @@ impl Episode {
                 .get(utterance.item as usize)
                 .copied()
                 .unwrap_or("?");
-            self.said.push(Said {
+            self.said.push(SaidItem {
                 time_s,
                 item: name,
                 text: text_of(&utterance.text),

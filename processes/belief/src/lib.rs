@@ -1,5 +1,6 @@
 //! The belief process: follows the world with the robot's self-model, z^R_k ~ q_φ(z_{k−1}, a_{k−1}, x_k), from all that
-//! the robot senses. On the highway nothing that is said belongs to it (DESIGN §11).
+//! the robot senses. On the highway nothing that is said belongs to it: the robot
+//! senses everything itself, and what is said is decoded from its belief.
 
 mod follow;
 mod gridworld;
@@ -21,7 +22,7 @@ use std::path::PathBuf;
 /// What the process needs besides its place in the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct BeliefOptions {
     /// The self-model's file.
     pub model: PathBuf,
     /// Highway or gridworld; as JSON, the gridworld's scene under `gridworld`.
@@ -33,7 +34,7 @@ pub struct Options {
 ///
 /// # Errors
 /// If the model's file cannot be used, or the run cannot be joined or is lost; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &BeliefOptions) -> Result<()> {
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(()) => {
             let model = models::checkpoint::load_self_model(&options.model)?;

@@ -1,6 +1,6 @@
 //! The robot's belief is the self-model's filter over all that is sensed, and starts anew with every episode.
 
-use belief::{Options, Tracker};
+use belief::{BeliefOptions, Tracker};
 use messages::{BEAMS, EGO_VALUES, LidarFrame, Message, RobotBelief};
 use models::observation::{Encoded, write_visual};
 use models::self_model::Sizes;
@@ -138,7 +138,7 @@ fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
         }
         let error = belief::run(
             &arguments,
-            &Options {
+            &BeliefOptions {
                 model: path.clone(),
                 scenario: scenario::Scenario::Highway(()),
             },

@@ -1,6 +1,6 @@
 //! Who acts in a gridworld: a simulated person.
 
-use crate::person::Person;
+use crate::person::ActingPerson;
 use anyhow::Result;
 use domains::discrete::{Acting, Discrete, Mask, Mind, Scene, SimulatedPerson, World};
 use messages::{Display, DriverAction, Observation};
@@ -53,7 +53,7 @@ impl GridworldPlayer {
     }
 }
 
-impl Person for GridworldPlayer {
+impl ActingPerson for GridworldPlayer {
     type Sensed = Observation;
 
     fn measure(&self) -> [u32; 3] {

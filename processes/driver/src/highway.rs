@@ -1,6 +1,6 @@
 //! Who drives on the highway: a simulated person, or a recorded one.
 
-use crate::person::Person;
+use crate::person::ActingPerson;
 use anyhow::{Context, Result};
 use domains::commonroad::Scenario;
 use domains::highway::speech::Heard;
@@ -44,7 +44,7 @@ impl HighwaySeat {
 
 /// The person at the wheel, with buffers for what they are shown.
 pub struct HighwayDriver {
-    who: Who,
+    who: AtTheWheel,
     seed: u64,
     observation: highway::Observation,
     shown: Shown,
@@ -52,7 +52,7 @@ pub struct HighwayDriver {
 
 // One of them exists, once.
 #[allow(clippy::large_enum_variant)]
-enum Who {
+enum AtTheWheel {
     Simulated(SimulatedDriver),
     /// Replays its own copy of the world; the recording alone says what happens there.
     Recorded(World),
@@ -76,13 +76,13 @@ impl HighwayDriver {
         let who = match &options.person {
             Driving::Simulated(person) => {
                 let cockpit = Cockpit::new(&options.scene, world.road(), world.ego().at.s_m);
-                Who::Simulated(SimulatedDriver::new(person, &options.scene.fog(), cockpit))
+                AtTheWheel::Simulated(SimulatedDriver::new(person, &options.scene.fog(), cockpit))
             }
             Driving::Recorded(car) => {
                 world
                     .recorded_action()
                     .with_context(|| format!("no recorded car {car} to drive as"))?;
-                Who::Recorded(world)
+                AtTheWheel::Recorded(world)
             }
         };
         Ok(Self {
@@ -94,7 +94,7 @@ impl HighwayDriver {
     }
 }
 
-impl Person for HighwayDriver {
+impl ActingPerson for HighwayDriver {
     type Sensed = LidarFrame;
 
     fn measure(&self) -> [u32; 3] {
@@ -104,8 +104,8 @@ impl Person for HighwayDriver {
     fn reset(&mut self, episode: u32) {
         self.shown = Shown::default();
         match &mut self.who {
-            Who::Simulated(driver) => driver.reset(self.seed, episode),
-            Who::Recorded(world) => world.reset(self.seed, episode),
+            AtTheWheel::Simulated(driver) => driver.reset(self.seed, episode),
+            AtTheWheel::Recorded(world) => world.reset(self.seed, episode),
         }
     }
 
@@ -137,7 +137,7 @@ impl Person for HighwayDriver {
 
     fn act(&mut self, frame: &LidarFrame, out: &mut DriverAction) {
         [out.throttle, out.steer] = match &mut self.who {
-            Who::Simulated(driver) => {
+            AtTheWheel::Simulated(driver) => {
                 self.observation.range = frame.range;
                 self.observation.object = frame.object;
                 self.observation.speed_mps = frame.speed_mps;
@@ -145,7 +145,7 @@ impl Person for HighwayDriver {
                 self.observation.moving = frame.moving != 0;
                 driver.act(&self.observation, &self.shown)
             }
-            Who::Recorded(world) => {
+            AtTheWheel::Recorded(world) => {
                 // In real time a frame may have been passed over: the recording goes on with the world's step.
                 while world.steps() < frame.header.step {
                     world.step([0.0; 2]);

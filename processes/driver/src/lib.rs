@@ -15,7 +15,7 @@ use anyhow::{Result, ensure};
 use gridworld::GridworldPlayer;
 use highway::HighwayDriver;
 use messages::{Display, DriverAction, Sensed, topic};
-use person::Person;
+use person::ActingPerson;
 use runtime::{
     ClockMode, Input, Node, Output, Receive, RunArguments, Stamp, Wake, now_ns, run_process,
 };
@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 /// Options of the driver process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct DriverOptions {
     /// Where the person is, and who they are.
     #[serde(rename = "place")]
     pub scenario: Scenario<HighwaySeat, GridworldSeat>,
@@ -37,7 +37,7 @@ pub struct Options {
 ///
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &DriverOptions) -> Result<()> {
     let seed = options.seed;
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(seat) => drive(node, HighwayDriver::new(seat, seed)?, seat.step_ns() / 2),
@@ -49,16 +49,16 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     })
 }
 
-struct Ports<S: Sensed> {
+struct DriverPorts<S: Sensed> {
     sensed: Input<S>,
     display: Input<Display>,
     action: Output<DriverAction>,
 }
 
 /// `patience_ns`: how long the person waits for a display in real time.
-fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<()> {
+fn drive<P: ActingPerson>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
-    let mut ports = Ports::<P::Sensed> {
+    let mut ports = DriverPorts::<P::Sensed> {
         sensed: node.input(P::Sensed::TOPIC, Receive::in_clock(node.arguments().clock))?,
         display: node
             .input(topic::DISPLAY, Receive::InOrder)?
@@ -122,7 +122,7 @@ fn drive<P: Person>(node: &mut Node, mut person: P, patience_ns: u64) -> Result<
 fn look(
     node: &mut Node,
     display: &mut Input<Display>,
-    person: &mut impl Person,
+    person: &mut impl ActingPerson,
     stamp: Stamp,
     deadline_ns: u64,
 ) -> Result<Wake> {

@@ -3,7 +3,7 @@
 use messages::{Display, DriverAction, Sensed};
 
 /// Somebody who senses, is shown and told things, and acts.
-pub trait Person {
+pub trait ActingPerson {
     /// What there is to sense.
     type Sensed: Sensed;
 

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use domains::bomb_defusal::WAIT;
 use domains::discrete::{Discrete, Scene, World};
-use driver::{Acting, GridworldSeat, Options};
+use driver::{Acting, DriverOptions, GridworldSeat};
 use messages::{Display, DriverAction, Observation, ProcessState, topic};
 use runtime::{
     ClockMode, InstanceLock, Launcher, LauncherWake, Node, Receive, RunArguments, Stamp, Wake,
@@ -75,7 +75,7 @@ fn run(clock: ClockMode, folder: &Path) -> Result<([u32; 3], u32)> {
         ..launcher.arguments().for_process(name, index)
     };
     let (ours, theirs) = (process("driver", 0), process("others", 1));
-    let options = Options {
+    let options = DriverOptions {
         scenario: Scenario::Gridworld(GridworldSeat {
             scene: scene.clone(),
             person: Acting::File(file),

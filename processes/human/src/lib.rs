@@ -1,10 +1,10 @@
 //! The human-model process: follows what the person believes, z^H_k, and answers the planner's questions about what
-//! imagined people would do (DESIGN §3).
+//! imagined people would do.
 
 mod person;
 mod senses;
 
-pub use person::{GROUPS, Person};
+pub use person::{GROUPS, ModelledPerson};
 pub use senses::{GridSenses, Senses};
 
 use anyhow::{Result, bail, ensure};
@@ -23,7 +23,7 @@ use std::sync::Arc;
 /// What the process needs besides its place in the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct HumanOptions {
     /// Which human model.
     pub kind: Kind,
     /// The self-model's file.
@@ -42,7 +42,7 @@ pub struct Options {
     pub seed: u64,
 }
 
-impl Options {
+impl HumanOptions {
     /// Reads the model that these options name.
     ///
     /// # Errors
@@ -102,16 +102,20 @@ impl Options {
 ///
 /// # Errors
 /// If a file cannot be used, or the run cannot be joined or is lost; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &HumanOptions) -> Result<()> {
     run_process(arguments, |node| {
         let (model, seed) = (options.load()?, options.seed);
         match &options.scenario {
-            Scenario::Highway(()) => {
-                attend(node, Person::new(model, UtteranceTable::shipped()?, seed))
-            }
+            Scenario::Highway(()) => attend(
+                node,
+                ModelledPerson::new(model, UtteranceTable::shipped()?, seed),
+            ),
             Scenario::Gridworld(scene) => {
                 let layout = models::words::layout_of(scene)?;
-                attend(node, Person::new(model, GridSenses { layout }, seed))
+                attend(
+                    node,
+                    ModelledPerson::new(model, GridSenses { layout }, seed),
+                )
             }
         }
     })
@@ -123,11 +127,14 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: Box<dyn HumanModel>) -> Result<()> {
     run_process(arguments, |node| {
-        attend(node, Person::new(model, UtteranceTable::shipped()?, 0))
+        attend(
+            node,
+            ModelledPerson::new(model, UtteranceTable::shipped()?, 0),
+        )
     })
 }
 
-fn attend<S: Senses>(node: &mut Node, mut person: Person<S>) -> Result<()> {
+fn attend<S: Senses>(node: &mut Node, mut person: ModelledPerson<S>) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = Receive::in_clock(node.arguments().clock);
     let mut displays = node

@@ -18,7 +18,7 @@ pub const GROUPS: usize = 4;
 const REMEMBERED: usize = 4;
 
 /// The person, in the eyes of one human model.
-pub struct Person<S: Senses> {
+pub struct ModelledPerson<S: Senses> {
     model: Box<dyn HumanModel>,
     senses: S,
     /// Seed of the run, for models by which it is chance what people perceive.
@@ -44,7 +44,7 @@ struct Remembered {
     beliefs: Beliefs,
 }
 
-impl<S: Senses> Person<S> {
+impl<S: Senses> ModelledPerson<S> {
     /// A person who perceived nothing yet; `seed` is the run's.
     pub fn new(model: Box<dyn HumanModel>, senses: S, seed: u64) -> Self {
         let shape = senses.shape();

@@ -1,7 +1,7 @@
 //! What the human process keeps of a person: belief, prediction and the groups of imagined people.
 
 use domains::discrete::{Acting, Scene};
-use human::{GROUPS, Options, Person};
+use human::{GROUPS, HumanOptions, ModelledPerson};
 use messages::{
     Display, DriverAction, HumanBelief, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus,
     LidarFrame, MAX_GROUP, Message,
@@ -40,9 +40,9 @@ fn implants(with_policy: bool) -> Implants {
     )
 }
 
-fn person() -> Person<UtteranceTable> {
+fn person() -> ModelledPerson<UtteranceTable> {
     let human = SelfHuman::new(Arc::new(model()), Some(implants(true)));
-    Person::new(
+    ModelledPerson::new(
         Box::new(human),
         UtteranceTable::shipped().expect("the table ships"),
         1,
@@ -59,7 +59,7 @@ fn frame(step: u32) -> LidarFrame {
 }
 
 fn observe(
-    person: &mut Person<UtteranceTable>,
+    person: &mut ModelledPerson<UtteranceTable>,
     step: u32,
     display: &Display,
     [throttle, steer]: [f32; 2],
@@ -91,7 +91,10 @@ fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest>
     question
 }
 
-fn ask(person: &mut Person<UtteranceTable>, question: &ImagineRequest) -> Box<ImagineAnswer> {
+fn ask(
+    person: &mut ModelledPerson<UtteranceTable>,
+    question: &ImagineRequest,
+) -> Box<ImagineAnswer> {
     let mut answer = Box::new(ImagineAnswer::ZERO);
     (answer.group, answer.phase, answer.rows) = (question.group, question.phase, question.rows);
     person.answer(question, &mut answer);
@@ -298,7 +301,7 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
     let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
     save_policy(&path("bc"), Kind::Bc, &policy, &[12.0; 36], "test", &[]).expect("written");
     let load = |kind: Kind, implants: Option<&str>| {
-        let options = Options {
+        let options = HumanOptions {
             kind,
             model: path("self"),
             implants: implants.map(path),
@@ -334,7 +337,7 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
 
 #[test]
 fn the_ideal_model_is_that_of_a_named_person() {
-    let ideal = |person| Options {
+    let ideal = |person| HumanOptions {
         kind: Kind::Ideal,
         model: "the ideal model needs no self-model".into(),
         implants: None,
@@ -393,7 +396,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
     let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
     let policy = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [12.0; 36]);
     let table = UtteranceTable::shipped().expect("the table ships");
-    let mut other = Person::new(Box::new(policy), table, 1);
+    let mut other = ModelledPerson::new(Box::new(policy), table, 1);
     observe(&mut other, 0, &Display::ZERO, [0.0; 2]);
     assert_eq!(
         ask(&mut other, &compare).status(),

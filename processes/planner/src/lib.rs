@@ -1,5 +1,5 @@
 //! The planner process: decides at step k what to communicate at k + 1, by imagining the robot's world and the person in
-//! it together (DESIGN §6).
+//! it together.
 
 mod planner_state;
 mod remote;
@@ -56,7 +56,7 @@ impl PlannerMethod {
 /// What the process needs besides its place in the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct PlannerOptions {
     /// How to decide.
     pub method: PlannerMethod,
     /// The self-model's file, the same that the belief process uses; `none` needs no model.
@@ -82,7 +82,7 @@ fn default_patience_ms() -> u64 {
     50
 }
 
-impl Options {
+impl PlannerOptions {
     fn check(&self) -> Result<()> {
         if let Some(problem) = self.settings.problem() {
             bail!("planner settings: {problem}");
@@ -101,7 +101,7 @@ impl Options {
 ///
 /// # Errors
 /// If the model's file or the settings cannot be used, or the run cannot be joined or is lost.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &PlannerOptions) -> Result<()> {
     options.check()?;
     run_process(arguments, |node| match options.method {
         PlannerMethod::None => say_nothing(node),
@@ -128,7 +128,11 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_with(arguments: &RunArguments, options: &Options, model: &SelfModel) -> Result<()> {
+pub fn run_with(
+    arguments: &RunArguments,
+    options: &PlannerOptions,
+    model: &SelfModel,
+) -> Result<()> {
     options.check()?;
     run_process(arguments, |node| {
         decide(node, options, PlannerState::highway(options, model.clone()))
@@ -162,7 +166,7 @@ fn say_nothing(node: &mut Node) -> Result<()> {
 }
 
 /// Sends planned decisions.
-fn decide(node: &mut Node, options: &Options, mut state: PlannerState) -> Result<()> {
+fn decide(node: &mut Node, options: &PlannerOptions, mut state: PlannerState) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = Receive::in_clock(node.arguments().clock);
     let mut robot = node

@@ -1,7 +1,7 @@
 //! The planner's state from step to step: between messages and the planning library, where a plan starts, and what its decision
 //! looks like on the topic.
 
-use crate::Options;
+use crate::PlannerOptions;
 use messages::{CommAction, DecisionReason, DriverAction, RobotBelief};
 use models::SelfModel;
 use models::discrete::DiscreteModel;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
 pub struct PlannerState {
-    planner: Planning,
+    planner: DomainPlanner,
     settings: Settings,
     mean: Tensor,
     deviation: Tensor,
@@ -32,11 +32,11 @@ pub struct PlannerState {
 }
 
 /// A planner and its world model.
-type Planning = Scenario<(SelfModel, Chooser), (Arc<DiscreteModel>, DiscretePlanner)>;
+type DomainPlanner = Scenario<(SelfModel, Chooser), (Arc<DiscreteModel>, DiscretePlanner)>;
 
 impl PlannerState {
     /// The highway's planner, which has planned nothing yet; settings must have no problem.
-    pub fn highway(options: &Options, model: SelfModel) -> Self {
+    pub fn highway(options: &PlannerOptions, model: SelfModel) -> Self {
         let chooser = Chooser::new(options.method.chooser(), options.settings, &model);
         let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
         let planner = Scenario::Highway((model, chooser));
@@ -44,7 +44,7 @@ impl PlannerState {
     }
 
     /// A gridworld's planner.
-    pub fn gridworld(options: &Options, model: Arc<DiscreteModel>) -> Self {
+    pub fn gridworld(options: &PlannerOptions, model: Arc<DiscreteModel>) -> Self {
         let layout = Arc::clone(&model.layout);
         let method = options.method.chooser();
         let items = Arc::clone(&layout);
@@ -55,8 +55,8 @@ impl PlannerState {
     }
 
     fn new(
-        options: &Options,
-        planner: Planning,
+        options: &PlannerOptions,
+        planner: DomainPlanner,
         latent: usize,
         actions: usize,
         items: &dyn Items,

@@ -3,7 +3,7 @@
 
 mod support;
 
-use human::Person;
+use human::ModelledPerson;
 use messages::{CommAction, HumanBelief, ImaginePhase, ImagineStatus, Message, RobotBelief};
 use models::imagined::ImaginedGroups;
 use models::utterances::{Said, UtteranceTable};
@@ -199,12 +199,12 @@ fn another_seed_decides_otherwise() {
     assert_ne!(probabilities(1), probabilities(2));
 }
 
-/// [`Person`] is what the process keeps; its beliefs do not depend on the questions that it answers in between.
+/// [`ModelledPerson`] is what the process keeps; its beliefs do not depend on the questions that it answers in between.
 #[test]
 fn questions_leave_the_person_untouched() {
     let table = || UtteranceTable::shipped().expect("the table ships");
-    let mut asked = Person::new(Box::new(support::human()), table(), 1);
-    let mut alone = Person::new(Box::new(support::human()), table(), 1);
+    let mut asked = ModelledPerson::new(Box::new(support::human()), table(), 1);
+    let mut alone = ModelledPerson::new(Box::new(support::human()), table(), 1);
     let mut script = Script::new(3);
     let mut question = Box::new(messages::ImagineRequest::ZERO);
     (question.visual_width, question.verbal_width) = (113, 120);

@@ -3,7 +3,7 @@
 mod support;
 
 use messages::{CommAction, DecisionReason, Display, DriverAction, LidarFrame, Message};
-use planner::{Options, PlannerMethod};
+use planner::{PlannerMethod, PlannerOptions};
 use runtime::ClockMode;
 use support::{Script, Set};
 
@@ -25,7 +25,7 @@ fn publish_rest(set: &mut Set, step: u32) {
 
 #[test]
 fn without_a_planner_every_step_gets_an_empty_decision() {
-    let options = Options {
+    let options = PlannerOptions {
         method: PlannerMethod::None,
         ..support::options()
     };
@@ -88,7 +88,7 @@ fn impossible_options_are_refused_before_anything_starts() {
         .expect("a temporary directory");
     let arguments = runtime::RunArguments::new(root.path(), "never", 1, ClockMode::Lockstep)
         .expect("a good name");
-    let refuses = |options: Options, word: &str| {
+    let refuses = |options: PlannerOptions, word: &str| {
         let error = planner::run(&arguments, &options)
             .expect_err("refused")
             .to_string();
@@ -98,7 +98,7 @@ fn impossible_options_are_refused_before_anything_starts() {
     options.settings.elites = 1000;
     refuses(options, "elites");
     refuses(
-        Options {
+        PlannerOptions {
             step_s: 0.0,
             ..support::options()
         },
@@ -106,7 +106,7 @@ fn impossible_options_are_refused_before_anything_starts() {
     );
     refuses(support::options(), "need a model");
     refuses(
-        Options {
+        PlannerOptions {
             model: Some("/nowhere/self.safetensors".into()),
             ..support::options()
         },

@@ -12,12 +12,12 @@ use messages::Field;
 pub struct Body {
     /// Bytes of a message in memory.
     size: usize,
-    pieces: Vec<Piece>,
+    pieces: Vec<BodyPiece>,
 }
 
 /// Bytes that go over together.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Piece {
+enum BodyPiece {
     /// Numbers, of which the first has the largest alignment: the others keep their distance to it.
     Numbers {
         offset: usize,
@@ -55,12 +55,14 @@ impl Body {
         cdr.start();
         for piece in &self.pieces {
             match *piece {
-                Piece::Numbers {
+                BodyPiece::Numbers {
                     offset,
                     size,
                     align,
                 } => cdr.numbers(&memory[offset..][..size], align),
-                Piece::Text { offset, size } => cdr.string(&string_of(&memory[offset..][..size])),
+                BodyPiece::Text { offset, size } => {
+                    cdr.string(&string_of(&memory[offset..][..size]))
+                }
             }
         }
     }
@@ -78,14 +80,14 @@ impl Body {
             .ok_or_else(|| format!("{found} bytes without little-endian CDR's mark before them"))?;
         for piece in &self.pieces {
             let taken = match *piece {
-                Piece::Numbers {
+                BodyPiece::Numbers {
                     offset,
                     size,
                     align,
                 } => body
                     .numbers(size, align)
                     .map(|numbers| memory[offset..][..size].copy_from_slice(numbers)),
-                Piece::Text { offset, size } => body
+                BodyPiece::Text { offset, size } => body
                     .string()
                     .and_then(|text| bytes_of(text, &mut memory[offset..][..size])),
             };
@@ -103,7 +105,7 @@ impl Body {
     }
 }
 
-fn walk(fields: &[Field], start: usize, has_strings: bool, pieces: &mut Vec<Piece>) {
+fn walk(fields: &[Field], start: usize, has_strings: bool, pieces: &mut Vec<BodyPiece>) {
     for field in fields {
         let offset = start + field.offset;
         if let Some(inner) = field.nested {
@@ -113,18 +115,18 @@ fn walk(fields: &[Field], start: usize, has_strings: bool, pieces: &mut Vec<Piec
                 walk(inner(), offset, has_strings, pieces);
             }
         } else if field.is_text && has_strings {
-            pieces.push(Piece::Text {
+            pieces.push(BodyPiece::Text {
                 offset,
                 size: field.size,
             });
         } else {
             match pieces.last_mut() {
-                Some(Piece::Numbers {
+                Some(BodyPiece::Numbers {
                     offset: from,
                     size,
                     align,
                 }) if *from + *size == offset && field.align <= *align => *size += field.size,
-                _ => pieces.push(Piece::Numbers {
+                _ => pieces.push(BodyPiece::Numbers {
                     offset,
                     size: field.size,
                     align: field.align,

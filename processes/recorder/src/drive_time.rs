@@ -48,13 +48,13 @@ pub struct Anchor {
 pub struct DriveTime {
     step_ns: u64,
     /// None before the first message of the world.
-    now: Option<Episode>,
+    now: Option<EpisodeTimes>,
     /// Episodes before, the latest last: of what waits in the recorder's ports, the world's share is taken first.
-    before: VecDeque<Episode>,
+    before: VecDeque<EpisodeTimes>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Episode {
+struct EpisodeTimes {
     number: u32,
     /// When its step 0 is, in nanoseconds since 1970.
     begin_ns: u64,
@@ -64,7 +64,7 @@ struct Episode {
     sensed: Option<u32>,
 }
 
-impl Episode {
+impl EpisodeTimes {
     fn time_ns(&self, step: u32, step_ns: u64) -> u64 {
         // Readers take times for signed numbers.
         (self.begin_ns)
@@ -96,7 +96,7 @@ impl DriveTime {
     /// Begins with a step whose time is known, of an earlier part of the same recording.
     pub fn go_on_from(&mut self, anchor: Anchor) {
         let elapsed = u64::from(anchor.step).saturating_mul(self.step_ns);
-        self.now = Some(Episode {
+        self.now = Some(EpisodeTimes {
             number: anchor.episode,
             begin_ns: anchor.time_ns.saturating_sub(elapsed),
             step: anchor.step,
@@ -106,7 +106,7 @@ impl DriveTime {
 
     /// Begins at once, at a moment of the monotonic clock, where no message of the world has come and none is waited for.
     pub fn begin(&mut self, sent_ns: u64) {
-        self.now.get_or_insert_with(|| Episode {
+        self.now.get_or_insert_with(|| EpisodeTimes {
             number: 0,
             begin_ns: wall_clock_ns(sent_ns),
             step: 0,
@@ -135,7 +135,7 @@ impl DriveTime {
         Some(time_ns.min(limit_ns))
     }
 
-    fn episode(&self, number: u32) -> Option<&Episode> {
+    fn episode(&self, number: u32) -> Option<&EpisodeTimes> {
         let now = self.now.iter();
         let mut episodes = now.chain(self.before.iter().rev());
         // They are in order, so that most are found at once, and none is looked for in vain for long.
@@ -164,7 +164,7 @@ impl DriveTime {
                         before.time_ns(end, self.step_ns)
                     },
                 );
-                let before = now.replace(Episode {
+                let before = now.replace(EpisodeTimes {
                     number,
                     begin_ns,
                     step,

@@ -1,6 +1,6 @@
 //! What the highway's picture in Foxglove's 3D panel is made of: boxes for cars, lines for the road.
 
-use crate::ros::{Colour, Marker, Pose, Shape, Stamp};
+use crate::ros::{Colour, Marker, MarkerPose, MarkerShape, MarkerStamp};
 use messages::ObjectPose;
 
 /// Height drawn for every car; messages carry none.
@@ -17,9 +17,14 @@ pub struct RoadLine {
 }
 
 /// A car as a box.
-pub fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: Colour) -> Marker {
-    let mut marker = Marker::new(stamp, namespace, object.id, Shape::Cube);
-    marker.pose = Pose {
+pub fn car(
+    stamp: MarkerStamp,
+    namespace: &'static str,
+    object: &ObjectPose,
+    colour: Colour,
+) -> Marker {
+    let mut marker = Marker::new(stamp, namespace, object.id, MarkerShape::Cube);
+    marker.pose = MarkerPose {
         position: [object.x_m, object.y_m, 0.5 * CAR_HEIGHT_M],
         heading_rad: f64::from(object.heading_rad),
     };
@@ -33,11 +38,11 @@ pub fn car(stamp: Stamp, namespace: &'static str, object: &ObjectPose, colour: C
 }
 
 /// A broken line draws every other of its pieces.
-pub fn road_line(stamp: Stamp, id: i32, line: &RoadLine) -> Marker {
+pub fn road_line(stamp: MarkerStamp, id: i32, line: &RoadLine) -> Marker {
     let shape = if line.dashed {
-        Shape::LineList
+        MarkerShape::LineList
     } else {
-        Shape::LineStrip
+        MarkerShape::LineStrip
     };
     let mut marker = Marker::new(stamp, "road", id, shape);
     marker.scale = [0.15, 0.0, 0.0];

@@ -51,7 +51,7 @@ const LAST_LOOKS: u32 = 150;
 /// What to record, and of what.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Options {
+pub struct RecorderOptions {
     /// The recording; without it, messages are counted and digested only.
     pub record: Option<PathBuf>,
     /// Where to write a [`RecorderResult`] at the end.
@@ -70,7 +70,7 @@ pub struct Options {
 ///
 /// # Errors
 /// When the file cannot be created, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &RecorderOptions) -> Result<()> {
     run_process(arguments, |node| {
         let mut recorder = Recorder::new(node, options)?;
         recorder.record(node)?;
@@ -93,14 +93,14 @@ struct Taken {
     digest: Digest,
     received: PerTopic,
     /// Each topic's first message.
-    first: [Option<Mark>; TOPICS.len()],
+    first: [Option<MessageMark>; TOPICS.len()],
     has_complained: bool,
 }
 
 /// A topic's message: its sequence number, when it was sent, and whether what was sent before it was counted as lost by
 /// the port that received it.
 #[derive(Clone, Copy)]
-struct Mark {
+struct MessageMark {
     sequence: u64,
     sent_ns: u64,
     counted: bool,
@@ -110,7 +110,7 @@ struct Mark {
 #[derive(Default)]
 struct Together {
     written: PerTopic,
-    last: [Option<Mark>; TOPICS.len()],
+    last: [Option<MessageMark>; TOPICS.len()],
     /// Messages that none of them holds, by the sequence numbers of those around.
     missing: PerTopic,
     /// Each topic's last sender but one and its last, by the sequence number that is next.
@@ -127,7 +127,7 @@ impl Together {
             together.written[topic] += 1;
             let header = message.header();
             together.count(topic, header.sequence);
-            together.last[topic] = Some(Mark {
+            together.last[topic] = Some(MessageMark {
                 sequence: header.sequence,
                 sent_ns: header.sent_ns,
                 counted: true,
@@ -155,7 +155,7 @@ impl Together {
     }
 
     /// Messages between the last of these and the first that another recorder received, by topic.
-    fn lost_before(&self, first: &[Option<Mark>; TOPICS.len()]) -> PerTopic {
+    fn lost_before(&self, first: &[Option<MessageMark>; TOPICS.len()]) -> PerTopic {
         core::array::from_fn(|topic| match (self.last[topic], first[topic]) {
             // On these, every process counts for itself.
             _ if !TOPICS[topic].is_repeatable() => 0,
@@ -171,7 +171,7 @@ impl Together {
 }
 
 impl Recorder {
-    fn new(node: &Node, options: &Options) -> Result<Self> {
+    fn new(node: &Node, options: &RecorderOptions) -> Result<Self> {
         let when_full = match node.arguments().clock {
             ClockMode::Lockstep => WhenFull::Grow,
             ClockMode::RealTime => WhenFull::Drop,
@@ -236,7 +236,7 @@ impl Recorder {
         })?)
     }
 
-    fn finish(self, node: &mut Node, options: &Options) -> Result<()> {
+    fn finish(self, node: &mut Node, options: &RecorderOptions) -> Result<()> {
         let Self {
             inputs,
             taken,
@@ -309,7 +309,7 @@ fn start_writer(
     part: &Path,
     before: &[PathBuf],
     when_full: WhenFull,
-    options: &Options,
+    options: &RecorderOptions,
 ) -> Result<Queue> {
     // Another run's file of that name stays, under another; `mirror up` has seen to the first part's.
     let _of_another_run = files::set_aside(part)?;
@@ -332,7 +332,7 @@ impl Taken {
         let topic = message.topic();
         self.received[topic] += 1;
         let header = message.header();
-        self.first[topic].get_or_insert(Mark {
+        self.first[topic].get_or_insert(MessageMark {
             sequence: header.sequence,
             sent_ns: header.sent_ns,
             counted: lost >= header.sequence,

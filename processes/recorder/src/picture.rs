@@ -1,6 +1,6 @@
 //! Draws a gridworld's picture for Foxglove's 3D panel: a box for every wall, a letter for everything else that stands in a cell.
 
-use crate::ros::{Colour, Marker, Shape, Stamp};
+use crate::ros::{Colour, Marker, MarkerShape, MarkerStamp};
 use messages::{Display, Picture};
 use runtime::text_of;
 
@@ -12,8 +12,8 @@ const SAID: Colour = [1.0, 0.65, 0.0, 1.0];
 
 /// A cell is a metre; the drawing's upper left cell lies at the origin, and rows go down the negative y axis. Below stands what the
 /// letters mean, above what is said.
-pub fn draw(picture: &Picture, display: &Display, stamp: Stamp) -> Vec<Marker> {
-    let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
+pub fn draw(picture: &Picture, display: &Display, stamp: MarkerStamp) -> Vec<Marker> {
+    let mut markers = vec![Marker::new(stamp, "", 0, MarkerShape::DeleteAll)];
     let drawing = text_of(&picture.text);
     let (cells, legend) = match drawing.trim_end().rsplit_once('\n') {
         Some((cells, legend)) => (cells, legend),
@@ -28,8 +28,8 @@ pub fn draw(picture: &Picture, display: &Display, stamp: Stamp) -> Vec<Marker> {
         {
             id += 1;
             let shape = match letter {
-                '#' | '.' => Shape::Cube,
-                _ => Shape::Text,
+                '#' | '.' => MarkerShape::Cube,
+                _ => MarkerShape::Text,
             };
             let mut marker = Marker::new(stamp, "cell", id, shape);
             marker.pose.position = [column as f64, -(row as f64), 0.0];
@@ -45,7 +45,7 @@ pub fn draw(picture: &Picture, display: &Display, stamp: Stamp) -> Vec<Marker> {
         }
     }
     let mut write = |namespace, row: f64, words: &str, colour| {
-        let mut marker = Marker::new(stamp, namespace, 0, Shape::Text);
+        let mut marker = Marker::new(stamp, namespace, 0, MarkerShape::Text);
         marker.pose.position = [
             cells.lines().map(str::len).max().unwrap_or(0) as f64 / 2.0,
             row,
@@ -86,7 +86,7 @@ mod tests {
         let mut display = Display::ZERO;
         display.utterance_count = 1;
         display.utterances[0].text[..4].copy_from_slice(b"Mind");
-        let stamp = Stamp {
+        let stamp = MarkerStamp {
             time_ns: 5,
             frame: "map",
         };

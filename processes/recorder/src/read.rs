@@ -27,21 +27,21 @@ const PIECE: usize = 64 << 10;
 /// [`ReadError`] with the file's name and the place in it. A file that breaks off or is damaged is no error: see
 /// [`Found::ending`] and [`Found::damage`].
 pub fn read(path: &Path, visit: impl FnMut(&Recorded)) -> Result<Found, ReadError> {
-    let mut reader = Reader::open(path, visit)?;
+    let mut reader = RecordingReader::open(path, visit)?;
     reader.read_until(|_| false)?;
     Ok(reader.found)
 }
 
 /// The identity of the run that a file records, if it is a recording whose head is whole.
 pub fn run_of(path: &Path) -> Option<u64> {
-    let mut reader = Reader::open(path, |_: &Recorded| {}).ok()?;
+    let mut reader = RecordingReader::open(path, |_: &Recorded| {}).ok()?;
     reader.read_until(|found| found.run_id.is_some()).ok()?;
     reader.found.run_id
 }
 
 /// How far a file's recording has come in its drive, if it is one with a step in it. Only its beginning and its end are read.
 pub fn end_of(path: &Path) -> Option<Anchor> {
-    let mut reader = Reader::open(path, |_: &Recorded| {}).ok()?;
+    let mut reader = RecordingReader::open(path, |_: &Recorded| {}).ok()?;
     let has_channels = |found: &Found| found.channels.contains(&true);
     reader.read_until(has_channels).ok()?;
     // The last may have a decision only, and nothing of the world.
@@ -52,7 +52,7 @@ pub fn end_of(path: &Path) -> Option<Anchor> {
     reader.last
 }
 
-struct Reader<'a, V> {
+struct RecordingReader<'a, V> {
     path: &'a Path,
     frames: Frames,
     /// Where the record at hand begins.
@@ -75,7 +75,7 @@ enum Next {
     End,
 }
 
-impl<'a, V: FnMut(&Recorded)> Reader<'a, V> {
+impl<'a, V: FnMut(&Recorded)> RecordingReader<'a, V> {
     fn open(path: &'a Path, visit: V) -> Result<Self, ReadError> {
         let io = |source| ReadError::Io {
             path: path.to_owned(),

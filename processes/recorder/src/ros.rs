@@ -47,14 +47,14 @@ pub fn write_clock(time_ns: u64, cdr: &mut Cdr) {
 
 /// `std_msgs/Header`.
 #[derive(Clone, Copy, Debug)]
-pub struct Stamp {
+pub struct MarkerStamp {
     /// Nanoseconds since 1970, of the drive's time.
     pub time_ns: u64,
     /// Frame that the data stand in.
     pub frame: &'static str,
 }
 
-impl Stamp {
+impl MarkerStamp {
     fn write(&self, cdr: &mut Cdr) {
         write_time(self.time_ns, cdr);
         cdr.string(self.frame);
@@ -63,14 +63,14 @@ impl Stamp {
 
 /// Position in metres and rotation about z: all that a car on a flat road needs of `geometry_msgs/Pose`.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Pose {
+pub struct MarkerPose {
     /// Position in metres.
     pub position: [f64; 3],
     /// Rotation about z in radians, anticlockwise.
     pub heading_rad: f64,
 }
 
-impl Pose {
+impl MarkerPose {
     /// Serves `geometry_msgs/Pose` and `geometry_msgs/Transform` alike, whose bytes are the same.
     fn write(&self, cdr: &mut Cdr) {
         let half = 0.5 * self.heading_rad;
@@ -87,7 +87,7 @@ impl Pose {
 #[derive(Clone, Copy, Debug)]
 pub struct LaserScan<'a> {
     /// When and in which frame.
-    pub stamp: Stamp,
+    pub stamp: MarkerStamp,
     /// Radians from one beam to the next; the first looks straight ahead.
     pub increment_rad: f32,
     /// The longest range that the sensor measures.
@@ -119,11 +119,11 @@ impl LaserScan<'_> {
 #[derive(Clone, Copy, Debug)]
 pub struct Transform {
     /// When, and the parent's frame.
-    pub stamp: Stamp,
+    pub stamp: MarkerStamp,
     /// The child's frame.
     pub child: &'static str,
     /// Pose of the child in the parent.
-    pub pose: Pose,
+    pub pose: MarkerPose,
 }
 
 /// Writes a whole `tf2_msgs/msg/TFMessage`.
@@ -138,7 +138,7 @@ pub fn write_transforms(transforms: &[Transform], cdr: &mut Cdr) {
 
 /// What a marker is, in `visualization_msgs/Marker`'s numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum MarkerShape {
     /// A box.
     Cube = 1,
     /// Points joined by a line.
@@ -158,15 +158,15 @@ pub type Colour = [f32; 4];
 #[derive(Clone, Debug)]
 pub struct Marker {
     /// When and in which frame.
-    pub stamp: Stamp,
+    pub stamp: MarkerStamp,
     /// Namespace; with `id` it names the marker.
     pub namespace: &'static str,
     /// See `namespace`.
     pub id: i32,
     /// What is drawn.
-    pub shape: Shape,
+    pub shape: MarkerShape,
     /// Where.
-    pub pose: Pose,
+    pub pose: MarkerPose,
     /// Size in metres; a line's width or a text's height where the shape wants that.
     pub scale: [f64; 3],
     /// Its colour.
@@ -179,13 +179,13 @@ pub struct Marker {
 
 impl Marker {
     /// A marker without points or text.
-    pub fn new(stamp: Stamp, namespace: &'static str, id: i32, shape: Shape) -> Self {
+    pub fn new(stamp: MarkerStamp, namespace: &'static str, id: i32, shape: MarkerShape) -> Self {
         Self {
             stamp,
             namespace,
             id,
             shape,
-            pose: Pose::default(),
+            pose: MarkerPose::default(),
             scale: [1.0; 3],
             colour: [1.0; 4],
             points: Vec::new(),
@@ -195,7 +195,7 @@ impl Marker {
 
     fn write(&self, cdr: &mut Cdr) {
         let (kind, action) = match self.shape {
-            Shape::DeleteAll => (0, 3),
+            MarkerShape::DeleteAll => (0, 3),
             shape => (shape as i32, 0),
         };
         self.stamp.write(cdr);
@@ -220,7 +220,7 @@ impl Marker {
         });
         cdr.u32(0); // colors: the marker's own
         cdr.string(""); // texture_resource
-        Stamp {
+        MarkerStamp {
             time_ns: 0,
             frame: "",
         }

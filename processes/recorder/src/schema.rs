@@ -1,7 +1,7 @@
 //! Whether a channel of a recording carries messages that this version knows, and how their bodies are read.
 
 use crate::body::Body;
-use crate::topics::Topic;
+use crate::topics::RecordedTopic;
 
 /// A schema's name and its text.
 pub type Schema = (String, Vec<u8>);
@@ -10,7 +10,11 @@ pub type Schema = (String, Vec<u8>);
 ///
 /// # Errors
 /// What differs from the messages that this version knows.
-pub fn body_of(known: &Topic, schema: Option<&Schema>, encoding: &str) -> Result<Body, String> {
+pub fn body_of(
+    known: &RecordedTopic,
+    schema: Option<&Schema>,
+    encoding: &str,
+) -> Result<Body, String> {
     if encoding != "cdr" {
         return Err(format!("encoded as {encoding:?}, not \"cdr\""));
     }

@@ -11,7 +11,7 @@ use runtime::{Digest, Input, InputOptions, Node, PortError};
 
 /// What the recorder knows about a topic.
 #[derive(Clone, Copy, Debug)]
-pub struct Topic {
+pub struct RecordedTopic {
     /// Such as `world/lidar`.
     pub name: &'static str,
     /// Such as `mirror_msgs/LidarFrame`.
@@ -47,7 +47,7 @@ macro_rules! topics {
         })*
 
         /// Every recorded topic, in the order of [`Recorded`]'s variants.
-        pub const TOPICS: [Topic; [$(stringify!($variant)),*].len()] = [$(Topic {
+        pub const TOPICS: [RecordedTopic; [$(stringify!($variant)),*].len()] = [$(RecordedTopic {
             name: $topic,
             ros_type: <$variant as Message>::ROS_TYPE,
             definition: <$variant as Message>::ros_definition,
@@ -189,7 +189,7 @@ fn read_message<M: Message>(bytes: &[u8]) -> Option<M> {
 /// A count per topic, in the order of [`TOPICS`].
 pub type PerTopic = [u64; TOPICS.len()];
 
-impl Topic {
+impl RecordedTopic {
     /// Whether the topic belongs to what a lockstep run repeats byte for byte. `run/control` and `run/report` do not:
     /// they carry operating-system process ids and times.
     pub fn is_repeatable(&self) -> bool {

@@ -9,8 +9,8 @@ pub use crate::highway_picture::RoadLine;
 use crate::picture;
 use crate::qos::Qos;
 use crate::ros::{
-    CLOCK, Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, Pose, Schema, Shape, Stamp,
-    TF_MESSAGE, Transform, write_markers, write_transforms,
+    CLOCK, Colour, LASER_SCAN, LaserScan, MARKER_ARRAY, Marker, MarkerPose, MarkerShape,
+    MarkerStamp, Schema, TF_MESSAGE, Transform, write_markers, write_transforms,
 };
 use crate::topics::Recorded;
 use messages::{AZIMUTHS, Display, HEIGHT_BANDS, LidarFrame, Message, Picture, Scene};
@@ -139,7 +139,7 @@ impl Visuals {
 
     /// The road's lines, to be written once at the start of a recording.
     pub fn road(lines: &[RoadLine], time_ns: u64, cdr: &mut Cdr) {
-        let stamp = Stamp {
+        let stamp = MarkerStamp {
             time_ns,
             frame: "map",
         };
@@ -162,7 +162,7 @@ impl Visuals {
                 }
             }
             LaserScan {
-                stamp: Stamp { time_ns, frame },
+                stamp: MarkerStamp { time_ns, frame },
                 increment_rad: core::f32::consts::TAU / AZIMUTHS as f32,
                 range_max_m: REACH_M,
                 ranges_m: &ranges_m,
@@ -175,9 +175,9 @@ impl Visuals {
 
     fn transforms(&mut self, time_ns: u64, emit: &mut impl FnMut(usize, &[u8])) {
         let link = |frame, child, position, heading_rad| Transform {
-            stamp: Stamp { time_ns, frame },
+            stamp: MarkerStamp { time_ns, frame },
             child,
-            pose: Pose {
+            pose: MarkerPose {
                 position,
                 heading_rad,
             },
@@ -204,7 +204,7 @@ impl Visuals {
     }
 
     fn markers(&mut self, time_ns: u64, emit: &mut impl FnMut(usize, &[u8])) {
-        let stamp = Stamp {
+        let stamp = MarkerStamp {
             time_ns,
             frame: "map",
         };
@@ -217,9 +217,9 @@ impl Visuals {
     }
 
     /// Everything that moves, after a marker that clears what was drawn before.
-    fn marker_list(&self, stamp: Stamp) -> Vec<Marker> {
+    fn marker_list(&self, stamp: MarkerStamp) -> Vec<Marker> {
         let scene = &self.scene;
-        let mut markers = vec![Marker::new(stamp, "", 0, Shape::DeleteAll)];
+        let mut markers = vec![Marker::new(stamp, "", 0, MarkerShape::DeleteAll)];
         markers.push(highway_picture::car(stamp, "ego", &scene.ego, EGO));
         let count = (scene.count as usize).min(scene.objects.len());
         for object in &scene.objects[..count] {
@@ -233,7 +233,7 @@ impl Visuals {
         if let Some((said, step)) = &self.utterance
             && scene.header.step.saturating_sub(*step) < UTTERANCE_STEPS
         {
-            let mut marker = Marker::new(stamp, "utterance", 0, Shape::Text);
+            let mut marker = Marker::new(stamp, "utterance", 0, MarkerShape::Text);
             marker.pose.position = [
                 scene.ego.x_m,
                 scene.ego.y_m,
@@ -264,7 +264,7 @@ impl Visuals {
 mod tests {
     use super::*;
 
-    const STAMP: Stamp = Stamp {
+    const STAMP: MarkerStamp = MarkerStamp {
         time_ns: 7,
         frame: "map",
     };
@@ -285,7 +285,9 @@ mod tests {
 
     fn colours(visuals: &Visuals) -> Vec<(i32, Colour)> {
         let markers = visuals.marker_list(STAMP);
-        let cubes = markers.iter().filter(|marker| marker.shape == Shape::Cube);
+        let cubes = markers
+            .iter()
+            .filter(|marker| marker.shape == MarkerShape::Cube);
         cubes.map(|marker| (marker.id, marker.colour)).collect()
     }
 
@@ -306,7 +308,7 @@ mod tests {
         visuals.derive(&(&outcome).into(), 7, &mut |_, _| {});
         assert_eq!(colours(&visuals)[2], (6, TOUCHED));
         let markers = visuals.marker_list(STAMP);
-        assert_eq!(markers[0].shape, Shape::DeleteAll);
+        assert_eq!(markers[0].shape, MarkerShape::DeleteAll);
         assert_eq!(markers[1].pose.position, [10.0, -2.0, 0.75]);
         assert_eq!(markers[3].scale[0], 4.5);
     }
@@ -322,7 +324,9 @@ mod tests {
         visuals.derive(&(&display).into(), 7, &mut |_, _| {});
         let said = |visuals: &Visuals| {
             let markers = visuals.marker_list(STAMP);
-            let text = markers.iter().find(|marker| marker.shape == Shape::Text);
+            let text = markers
+                .iter()
+                .find(|marker| marker.shape == MarkerShape::Text);
             text.map(|marker| marker.text.clone())
         };
         assert_eq!(said(&visuals).as_deref(), Some("Fast"));

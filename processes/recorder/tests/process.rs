@@ -7,7 +7,7 @@ use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, Outcome, ProcessState,
     RobotBelief, Scene, topic,
 };
-use recorder::Options;
+use recorder::RecorderOptions;
 use recorder::result::RecorderResult;
 use recorder::topics::TOPICS;
 use runtime::{
@@ -95,11 +95,11 @@ fn record(
     };
     let (ours, theirs) = (process("recorder", 0), process("sender", 1));
     let result = root.path().join("recorder.json");
-    let options = Options {
+    let options = RecorderOptions {
         record: record.map(Path::to_owned),
         result: Some(result.clone()),
         about: about(),
-        ..Options::default()
+        ..RecorderOptions::default()
     };
     let recorder = std::thread::spawn(move || recorder::run(&ours, &options));
     // The sender's ports stay until the recorder is done: one that is gone before a busy machine let the recorder look
@@ -202,9 +202,9 @@ fn a_recording_that_cannot_be_created_ends_the_process_with_the_files_name() -> 
         launcher_pid: 0,
         ..launcher.arguments().for_process("recorder", 0)
     };
-    let options = Options {
+    let options = RecorderOptions {
         record: Some("/nowhere/at/all.mcap".into()),
-        ..Options::default()
+        ..RecorderOptions::default()
     };
     let error = recorder::run(&ours, &options).expect_err("no recording, no run");
     assert!(

@@ -11,7 +11,7 @@ use scenario::{Scenario, scene_or_null};
 /// How to render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct RendererOptions {
     /// Simulated seconds of a step.
     pub step_s: f32,
     /// Simulated seconds from the start of an utterance to the earliest start of the next.
@@ -26,8 +26,8 @@ pub struct Options {
     pub scenario: Scenario,
 }
 
-impl Default for Options {
-    /// The highway's: steps of 0.15 s (DESIGN §3), 3.5 s between utterances (§11).
+impl Default for RendererOptions {
+    /// The highway's: steps of 0.15 s, and one utterance every 3.5 s at most, as in the authors' scripts.
     fn default() -> Self {
         Self {
             step_s: 0.15,
@@ -56,7 +56,7 @@ pub struct Renderer {
 
 impl Renderer {
     /// A renderer that has said nothing yet.
-    pub fn new(options: &Options) -> Self {
+    pub fn new(options: &RendererOptions) -> Self {
         let steps = options.speech_interval_s / options.step_s;
         Self {
             step_s: options.step_s,
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn highlights_are_the_objects_in_front_each_once() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let frame = frame(
             3,
             &[
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn the_likeliest_sector_is_spoken_about_and_then_there_is_silence() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let cars = [(18, 2, 23.0, 18.2), (11, 3, 30.0, 5.0), (14, 4, 12.0, 8.8)];
         let wanted = [(2, 0.5), (3, 0.9)];
         let first = render(&mut renderer, &frame(10, &cars), 0, &wanted);
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn an_empty_sector_and_a_new_episode_can_be_spoken_about() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let wanted = [(3, 0.9)];
         let first = render(&mut renderer, &frame(10, &[]), 0, &wanted);
         assert_eq!(first.utterances[0].content(), Ok(UtteranceContent::Nothing));
@@ -261,17 +261,17 @@ mod tests {
 
     #[test]
     fn an_interval_of_whole_steps_is_that_many_steps() {
-        let options = Options {
+        let options = RendererOptions {
             step_s: 0.15,
             speech_interval_s: 3.0,
-            ..Options::default()
+            ..RendererOptions::default()
         };
         assert_eq!(Renderer::new(&options).interval_steps, 20);
     }
 
     #[test]
     fn without_a_decision_nothing_is_shown() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let mut display = Display::ZERO;
         renderer.render(&frame(0, &[(0, 1, 5.0, 1.0)]), None, &mut display);
         assert_eq!(
@@ -287,9 +287,9 @@ mod tests {
 
     #[test]
     fn a_late_decision_is_held_for_two_steps_and_spoken_once() {
-        let options = Options {
+        let options = RendererOptions {
             speech_interval_s: 0.15,
-            ..Options::default()
+            ..RendererOptions::default()
         };
         let mut renderer = Renderer::new(&options);
         let decision = decision(5, 1, &[(3, 0.9)]);
@@ -305,7 +305,7 @@ mod tests {
 
     #[test]
     fn a_decision_of_another_episode_shows_nothing() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let mut next = frame(5, &[]);
         next.header.episode = 1;
         let mut display = Display::ZERO;

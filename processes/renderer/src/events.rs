@@ -1,7 +1,7 @@
 //! Writes what a person at the terminal should notice of a drive on the highway, one line per event.
 
-use crate::content::Options;
-use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
+use crate::content::RendererOptions;
+use crate::lines::{CYAN, EventLines, RED, YELLOW, text_of};
 use crate::render::Tell;
 use domains::highway::LIDAR_RANGE_M;
 use domains::highway::speech::{SECTOR_AZIMUTHS, SECTOR_NAMES};
@@ -15,7 +15,7 @@ const DARK_S: f32 = 1.5;
 
 /// The lines, written to `out`; its errors are left to `out`, because a closed terminal must not stop a run.
 pub struct Events<W> {
-    lines: Lines<W>,
+    lines: EventLines<W>,
     dark_steps: u32,
     /// Step at which each sector was last highlighted in this episode.
     lit: [Option<u32>; SECTORS],
@@ -23,9 +23,9 @@ pub struct Events<W> {
 
 impl<W: Write> Events<W> {
     /// Writes to `out`, with colours if it is a terminal.
-    pub fn new(out: W, colours: bool, options: &Options) -> Self {
+    pub fn new(out: W, colours: bool, options: &RendererOptions) -> Self {
         Self {
-            lines: Lines::new(out, colours, options.step_s),
+            lines: EventLines::new(out, colours, options.step_s),
             dark_steps: (DARK_S / options.step_s).ceil() as u32,
             lit: [None; SECTORS],
         }
@@ -150,7 +150,11 @@ mod tests {
 
     fn lines(write: impl FnOnce(&mut Events<&mut Vec<u8>>)) -> Vec<String> {
         let mut out = Vec::new();
-        write(&mut Events::new(&mut out, false, &Options::default()));
+        write(&mut Events::new(
+            &mut out,
+            false,
+            &RendererOptions::default(),
+        ));
         String::from_utf8_lossy(&out)
             .lines()
             .map(str::to_owned)
@@ -159,7 +163,7 @@ mod tests {
 
     #[test]
     fn a_highlight_that_stays_is_one_line_and_so_is_an_utterance() {
-        let mut renderer = Renderer::new(&Options::default());
+        let mut renderer = Renderer::new(&RendererOptions::default());
         let mut decision = CommAction::ZERO;
         decision.visual = 1;
         decision.verbal = 1 << 3;

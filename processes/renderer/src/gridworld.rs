@@ -1,7 +1,7 @@
 //! A gridworld's decisions as what the person sees and hears, and what the terminal says of it.
 
-use crate::content::Options;
-use crate::lines::{CYAN, Lines, RED, YELLOW, text_of};
+use crate::content::RendererOptions;
+use crate::lines::{CYAN, EventLines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
 use domains::discrete::{Domain, Layout, Words, sentence};
 use messages::{
@@ -88,7 +88,7 @@ impl Render for GridRenderer {
 
 /// The lines, written to `out`; its errors are left to `out`, because a closed terminal must not stop a run.
 pub struct GridEvents<W> {
-    lines: Lines<W>,
+    lines: EventLines<W>,
     layout: Arc<Layout>,
     /// What was shown at the step before.
     shown: u32,
@@ -99,9 +99,9 @@ pub struct GridEvents<W> {
 
 impl<W: Write> GridEvents<W> {
     /// Writes to `out`, with colours if it is a terminal.
-    pub fn new(out: W, colours: bool, options: &Options, layout: Arc<Layout>) -> Self {
+    pub fn new(out: W, colours: bool, options: &RendererOptions, layout: Arc<Layout>) -> Self {
         Self {
-            lines: Lines::new(out, colours, options.step_s),
+            lines: EventLines::new(out, colours, options.step_s),
             layout,
             shown: 0,
             picture: String::with_capacity(PICTURE_BYTES),
@@ -228,7 +228,7 @@ mod tests {
         let (layout, words, sensed) = sensed(0);
         let mut renderer = GridRenderer::new(Arc::clone(&layout), words);
         let mut out = Vec::new();
-        let mut events = GridEvents::new(&mut out, false, &Options::default(), layout);
+        let mut events = GridEvents::new(&mut out, false, &RendererOptions::default(), layout);
         let mut picture = Picture::ZERO;
         picture.text[..8].copy_from_slice(b"#P.\nmore");
         events.picture(&picture);

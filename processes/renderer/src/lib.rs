@@ -8,7 +8,7 @@ mod lines;
 mod render;
 mod unhurried;
 
-pub use content::{Options, Renderer};
+pub use content::{Renderer, RendererOptions};
 pub use events::Events;
 pub use gridworld::{GridEvents, GridRenderer};
 pub use render::{Render, Tell};
@@ -28,7 +28,7 @@ use unhurried::Unhurried;
 ///
 /// # Errors
 /// When the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &RendererOptions) -> Result<()> {
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(()) => {
             let events = |colours| Events::new(Unhurried::new(io::stdout()), colours, options);
@@ -48,7 +48,7 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
 /// Renders until the run ends. `events`: what tells the terminal, with colours or without.
 fn render<R: Render, T: Tell<Sensed = R::Sensed>>(
     node: &mut Node,
-    options: &Options,
+    options: &RendererOptions,
     renderer: R,
     events: impl FnOnce(bool) -> T,
 ) -> Result<()> {

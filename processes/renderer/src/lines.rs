@@ -14,14 +14,14 @@ pub const RED: &str = "\x1b[31m";
 const PLAIN: &str = "\x1b[0m";
 
 /// Where the lines go, and the episode that they are about.
-pub struct Lines<W> {
+pub struct EventLines<W> {
     out: W,
     colours: bool,
     step_s: f32,
     episode: Option<u32>,
 }
 
-impl<W: Write> Lines<W> {
+impl<W: Write> EventLines<W> {
     /// Writes to `out`, with colours if it is a terminal.
     pub fn new(out: W, colours: bool, step_s: f32) -> Self {
         Self {

@@ -3,7 +3,7 @@
 use messages::{
     AZIMUTHS, BEAMS, CommAction, Display, LidarFrame, Message, Outcome, ProcessState, topic,
 };
-use renderer::{Options, Render, Renderer};
+use renderer::{Render, Renderer, RendererOptions};
 use runtime::{
     ClockMode, Input, InstanceLock, Launcher, LauncherWake, Node, Output, Receive, RunArguments,
     Stamp, Wake, now_ns,
@@ -112,7 +112,7 @@ impl Others {
 /// Runs a renderer among the others; what it displayed, and how many late decisions it counted.
 fn run(
     clock: ClockMode,
-    options: &Options,
+    options: &RendererOptions,
     play: fn(Others) -> anyhow::Result<Vec<Display>>,
 ) -> anyhow::Result<(Vec<Display>, u64)> {
     let root = tempfile::Builder::new()
@@ -153,10 +153,10 @@ fn run(
     Ok((others.join().expect("no panic")?, missed))
 }
 
-fn options() -> Options {
-    Options {
+fn options() -> RendererOptions {
+    RendererOptions {
         print: false,
-        ..Options::default()
+        ..RendererOptions::default()
     }
 }
 

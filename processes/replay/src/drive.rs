@@ -102,7 +102,7 @@ pub enum Seen {
 
 /// A recorded step; whatever is missing in the recording is missing here.
 #[derive(Clone, Debug, Default)]
-pub struct Step {
+pub struct RecordedStep {
     /// What was sensed.
     pub seen: Option<Seen>,
     /// What the step before led to.
@@ -120,7 +120,7 @@ pub struct Step {
     pub decision: Option<CommAction>,
 }
 
-impl Step {
+impl RecordedStep {
     /// Whether the step can be replayed; a missing action is filled in.
     pub fn is_whole(&self) -> bool {
         self.seen.is_some() && self.display.is_some()
@@ -199,7 +199,7 @@ impl core::fmt::Display for MissingSteps {
 #[derive(Clone, Debug, Default)]
 pub struct Drive {
     /// By episode and step.
-    pub steps: BTreeMap<(u32, u32), Step>,
+    pub steps: BTreeMap<(u32, u32), RecordedStep>,
     /// The files that it was read from.
     pub parts: Vec<Part>,
     /// What stood at the first part's head and end.
@@ -377,7 +377,7 @@ impl Reading {
                 ending,
             });
         }
-        if !self.drive.steps.values().any(Step::is_whole) {
+        if !self.drive.steps.values().any(RecordedStep::is_whole) {
             return Err(DriveError::NoStep { path, ending });
         }
         Ok(self.drive)

@@ -12,8 +12,10 @@
 mod drive;
 mod row;
 
-pub use drive::{Digest, Drive, DriveError, HumanSaid, MissingSteps, Part, Seen, Step, digest_of};
-pub use row::{Decision, Row, load as load_rows};
+pub use drive::{
+    Digest, Drive, DriveError, HumanSaid, MissingSteps, Part, RecordedStep, Seen, digest_of,
+};
+pub use row::{ReplayedDecision, Row, load as load_rows};
 
 use anyhow::{Context, Result, bail};
 use messages::{
@@ -28,7 +30,7 @@ use std::path::PathBuf;
 /// What the process needs besides its place in the run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct ReplayOptions {
     /// The recording.
     pub recording: PathBuf,
     /// Where to write a [`Row`] per step.
@@ -39,11 +41,11 @@ pub struct Options {
 ///
 /// # Errors
 /// When the recording cannot be replayed, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &ReplayOptions) -> Result<()> {
     run_process(arguments, |node| replay(node, options))
 }
 
-struct Ports {
+struct ReplayPorts {
     lidar: Output<LidarFrame>,
     observation: Output<Observation>,
     outcome: Output<Outcome>,
@@ -54,7 +56,7 @@ struct Ports {
     decision: Input<CommAction>,
 }
 
-impl Ports {
+impl ReplayPorts {
     fn new(node: &Node) -> Result<Self> {
         Ok(Self {
             lidar: node.output(topic::LIDAR)?,
@@ -69,13 +71,13 @@ impl Ports {
     }
 }
 
-fn replay(node: &mut Node, options: &Options) -> Result<()> {
+fn replay(node: &mut Node, options: &ReplayOptions) -> Result<()> {
     let drive = Drive::read(&options.recording)?;
-    let mut ports = Ports::new(node)?;
+    let mut ports = ReplayPorts::new(node)?;
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
-    let mut player = Player::new(&drive);
+    let mut player = Replayer::new(&drive);
     for at in drive.steps.keys() {
         if player.play(node, &mut ports, *at)? == Wake::Stop {
             break;
@@ -85,7 +87,7 @@ fn replay(node: &mut Node, options: &Options) -> Result<()> {
 }
 
 /// Where a replay stands.
-struct Player<'a> {
+struct Replayer<'a> {
     drive: &'a Drive,
     rows: Vec<Row>,
     /// The step played last.
@@ -96,7 +98,7 @@ struct Player<'a> {
     after_gap: bool,
 }
 
-impl<'a> Player<'a> {
+impl<'a> Replayer<'a> {
     fn new(drive: &'a Drive) -> Self {
         Self {
             drive,
@@ -108,7 +110,7 @@ impl<'a> Player<'a> {
     }
 
     /// Plays a step if it has what that needs, and takes down what is said to it.
-    fn play(&mut self, node: &mut Node, ports: &mut Ports, at: (u32, u32)) -> Result<Wake> {
+    fn play(&mut self, node: &mut Node, ports: &mut ReplayPorts, at: (u32, u32)) -> Result<Wake> {
         let (episode, step) = at;
         let recorded = &self.drive.steps[&at];
         let action = recorded.action;
@@ -152,7 +154,7 @@ impl<'a> Player<'a> {
         }
         ports.display.send_with(stamp, |out| *out = **display)?;
         act(ports, stamp, self.held)?;
-        let Ports {
+        let ReplayPorts {
             robot,
             human,
             decision,
@@ -173,7 +175,7 @@ impl<'a> Player<'a> {
         Ok(Wake::Message)
     }
 
-    fn take_down(&mut self, ports: &Ports, (episode, step): (u32, u32)) {
+    fn take_down(&mut self, ports: &ReplayPorts, (episode, step): (u32, u32)) {
         let (Some(robot), Some(human), Some(now)) = (
             ports.robot.message(),
             ports.human.message(),
@@ -199,14 +201,14 @@ impl<'a> Player<'a> {
             robot_same: recorded.robot.map(|then| then == digest_of(robot)),
             human_same: recorded.human.map(|then| then.digest == digest_of(human)),
             decision_same: then.map(|then| digest_of(then) == digest_of(now)),
-            then: then.map(Decision::from),
-            now: Decision::from(now),
+            then: then.map(ReplayedDecision::from),
+            now: ReplayedDecision::from(now),
             log_likelihood_then: None,
             log_likelihood_now: None,
         });
     }
 }
 
-fn act(ports: &Ports, stamp: Stamp, action: DriverAction) -> Result<()> {
+fn act(ports: &ReplayPorts, stamp: Stamp, action: DriverAction) -> Result<()> {
     Ok(ports.action.send_with(stamp, |out| *out = action)?)
 }

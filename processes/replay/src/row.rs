@@ -28,7 +28,7 @@ mod number {
 
 /// A decision, without what the report has no use for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Decision {
+pub struct ReplayedDecision {
     /// A bit per visual item to show.
     pub visual: u32,
     /// A bit per verbal item to say.
@@ -52,7 +52,7 @@ pub struct Decision {
     pub reason: u32,
 }
 
-impl From<&CommAction> for Decision {
+impl From<&CommAction> for ReplayedDecision {
     fn from(decision: &CommAction) -> Self {
         Self {
             visual: decision.visual,
@@ -67,7 +67,7 @@ impl From<&CommAction> for Decision {
     }
 }
 
-impl Decision {
+impl ReplayedDecision {
     /// How it came about.
     ///
     /// # Errors
@@ -98,9 +98,9 @@ pub struct Row {
     /// The same of the decision.
     pub decision_same: Option<bool>,
     /// What was decided then.
-    pub then: Option<Decision>,
+    pub then: Option<ReplayedDecision>,
     /// What is decided now.
-    pub now: Decision,
+    pub now: ReplayedDecision,
     /// Log-likelihood of the action that the person really took at this step, as the human model said then.
     pub log_likelihood_then: Option<f32>,
     /// The same now.

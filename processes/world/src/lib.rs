@@ -13,12 +13,12 @@ mod options;
 mod ports;
 mod truth;
 
-pub use options::{HighwayRoad, Options};
+pub use options::{HighwayRoad, WorldOptions};
 
 use anyhow::Result;
 use gridworld::Gridworld;
 use highway::Highway;
-use ports::Ports;
+use ports::WorldPorts;
 use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns, run_process};
 use scenario::Scenario;
 use truth::Truth;
@@ -27,7 +27,7 @@ use truth::Truth;
 ///
 /// # Errors
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
-pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
+pub fn run(arguments: &RunArguments, options: &WorldOptions) -> Result<()> {
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(road) => {
             let world = Highway::new(node, road.world()?)?;
@@ -40,8 +40,8 @@ pub fn run(arguments: &RunArguments, options: &Options) -> Result<()> {
     })
 }
 
-fn drive<T: Truth>(node: &mut Node, options: &Options, mut world: T) -> Result<()> {
-    let mut ports = Ports::new(node)?;
+fn drive<T: Truth>(node: &mut Node, options: &WorldOptions, mut world: T) -> Result<()> {
+    let mut ports = WorldPorts::new(node)?;
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
@@ -71,7 +71,7 @@ fn drive<T: Truth>(node: &mut Node, options: &Options, mut world: T) -> Result<(
 /// An episode in which the world waits for every action, however long it takes.
 fn lockstep<T: Truth>(
     node: &mut Node,
-    ports: &mut Ports<T::Sensed>,
+    ports: &mut WorldPorts<T::Sensed>,
     world: &mut T,
     episode: u32,
 ) -> Result<Wake> {
@@ -103,7 +103,7 @@ fn lockstep<T: Truth>(
 /// missed deadline.
 fn real_time<T: Truth>(
     node: &mut Node,
-    ports: &mut Ports<T::Sensed>,
+    ports: &mut WorldPorts<T::Sensed>,
     world: &mut T,
     episode: u32,
 ) -> Result<Wake> {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Options of the world process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct WorldOptions {
     /// Which world.
     #[serde(rename = "place")]
     pub scenario: Scenario<HighwayRoad>,

@@ -12,7 +12,7 @@ const LOOK_NS: u64 = 200_000;
 const MOST_BEHIND: u32 = 16;
 
 /// Ports of the world process.
-pub struct Ports<S: Sensed> {
+pub struct WorldPorts<S: Sensed> {
     sensed: Output<S>,
     outcome: Output<Outcome>,
     /// The driver's actions.
@@ -27,7 +27,7 @@ pub struct Ports<S: Sensed> {
     pub listeners: Listeners,
 }
 
-impl<S: Sensed> Ports<S> {
+impl<S: Sensed> WorldPorts<S> {
     /// Makes them.
     pub fn new(node: &Node) -> Result<Self> {
         let receive = Receive::in_clock(node.arguments().clock);

@@ -1,5 +1,5 @@
 //! One highway plan, 1000 futures × 3 iterations × 8 steps, with untrained weights of the paper's sizes: in one thread, and
-//! with the human model in a second thread, as the planner and human processes share the work (DESIGN §9).
+//! with the human model in a second thread, as the planner and human processes share the work.
 //!
 //! Before the wall-clock figures it prints each side's processor time, which other programs on the machine hardly move.
 //!
@@ -8,148 +8,31 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use models::imagined::ImaginedGroups;
 use models::self_model::Sizes;
-use models::{Beliefs, Communicated, HumanModel, Implants, Observations, SelfHuman, SelfModel};
+use models::{Beliefs, HumanModel, Implants, SelfHuman, SelfModel};
 use nn::Tensor;
 use planning::planner::{From, GROUPS, Planner};
-use planning::{ImaginedPeople, LocalPeople, PeopleError, Settings};
+use planning::{LocalPeople, Settings, ThreadedPeople};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::hint::black_box;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// What travels to the other thread and back; made once per group.
-struct Parcel {
-    group: usize,
-    rows: usize,
-    seed: u64,
-    known_action: Option<[f32; 2]>,
-    starts: bool,
-    observations: Observations,
-    communicated: Vec<Communicated>,
-    actions: Tensor,
-    /// Processor time of the other thread so far, in ns.
-    cpu_ns: u64,
-}
-
-/// Processor time of this thread so far, in ns.
-fn cpu_ns() -> u64 {
-    let mut time = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
+/// Processor time so far, in ns: of this thread, and of all others, which is the human model's.
+fn cpu_ns() -> [u64; 2] {
+    let read = |clock| {
+        let mut time = libc::timespec {
+            tv_sec: 0,
+            tv_nsec: 0,
+        };
+        // SAFETY: `time` is a valid timespec; these clocks exist on every Linux.
+        unsafe { libc::clock_gettime(clock, &mut time) };
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
     };
-    // SAFETY: `time` is a valid timespec; this clock exists on every Linux.
-    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &mut time) };
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
-}
-
-/// A human model in another thread, asked as the human process is.
-struct ThreadedPeople {
-    to: SyncSender<Box<Parcel>>,
-    back: Receiver<Box<Parcel>>,
-    idle: [Option<Box<Parcel>>; GROUPS],
-    cpu_ns: u64,
-}
-
-impl ThreadedPeople {
-    fn spawn(mut model: SelfHuman, person: Beliefs, rows: usize, shape: &models::Shape) -> Self {
-        let (to, questions) = sync_channel::<Box<Parcel>>(GROUPS);
-        let (answers, back) = sync_channel::<Box<Parcel>>(GROUPS);
-        let latent = model.latent();
-        std::thread::spawn(move || {
-            let mut groups = ImaginedGroups::new(latent, 2, GROUPS, rows);
-            while let Ok(mut p) = questions.recv() {
-                let model = &mut model;
-                let actions = if p.starts {
-                    groups.start(
-                        model,
-                        &person,
-                        p.group,
-                        p.rows,
-                        p.seed,
-                        p.known_action.as_ref().map(|a| &a[..]),
-                    )
-                } else {
-                    groups.step(model, p.group, &p.observations, &p.communicated, p.seed)
-                };
-                p.actions.copy_from(actions.expect("a started group"));
-                p.cpu_ns = cpu_ns();
-                if answers.send(p).is_err() {
-                    return;
-                }
-            }
-        });
-        let idle = std::array::from_fn(|group| {
-            Some(Box::new(Parcel {
-                group,
-                rows,
-                seed: 0,
-                known_action: None,
-                starts: true,
-                observations: Observations::new(shape, rows),
-                communicated: vec![Communicated::default(); rows],
-                actions: Tensor::new(2, rows),
-                cpu_ns: 0,
-            }))
-        });
-        Self {
-            to,
-            back,
-            idle,
-            cpu_ns: 0,
-        }
-    }
-
-    fn send(&mut self, group: usize, fill: impl FnOnce(&mut Parcel)) {
-        let mut parcel = self.idle[group].take().expect("one question a group");
-        fill(&mut parcel);
-        self.to.send(parcel).expect("the other thread lives");
-    }
-}
-
-impl ImaginedPeople for ThreadedPeople {
-    fn start(
-        &mut self,
-        group: usize,
-        rows: usize,
-        seed: u64,
-        known_action: Option<&[f32]>,
-    ) -> Result<(), PeopleError> {
-        self.send(group, |p| {
-            (p.starts, p.rows, p.seed) = (true, rows, seed);
-            p.known_action = known_action.map(|a| [a[0], a[1]]);
-        });
-        Ok(())
-    }
-
-    fn ask(
-        &mut self,
-        group: usize,
-        observations: &Observations,
-        communicated: &[Communicated],
-        seed: u64,
-    ) -> Result<(), PeopleError> {
-        self.send(group, |p| {
-            (p.starts, p.seed) = (false, seed);
-            p.observations.visual.copy_from(&observations.visual);
-            p.observations.verbal.copy_from(&observations.verbal);
-            p.communicated.copy_from_slice(communicated);
-        });
-        Ok(())
-    }
-
-    fn answer(&mut self, group: usize, actions: &mut Tensor) -> Result<(), PeopleError> {
-        while self.idle[group].is_none() {
-            let parcel = self.back.recv().expect("the other thread lives");
-            let place = parcel.group;
-            self.cpu_ns = self.cpu_ns.max(parcel.cpu_ns);
-            self.idle[place] = Some(parcel);
-        }
-        if let Some(parcel) = &self.idle[group] {
-            actions.copy_from(&parcel.actions);
-        }
-        Ok(())
-    }
+    let own = read(libc::CLOCK_THREAD_CPUTIME_ID);
+    [
+        own,
+        read(libc::CLOCK_PROCESS_CPUTIME_ID).saturating_sub(own),
+    ]
 }
 
 struct Setting {
@@ -214,11 +97,12 @@ fn processor_time(setting: &Setting, settings: Settings, rows: usize, ready: usi
                 .expect("the other thread answers"),
         );
         if step == 0 {
-            before = [cpu_ns(), people.cpu_ns];
+            before = cpu_ns();
         }
     }
     let ms = |now: u64, before: u64| (now - before) as f64 / 1e6 / f64::from(PLANS);
-    let (planning, human) = (ms(cpu_ns(), before[0]), ms(people.cpu_ns, before[1]));
+    let after = cpu_ns();
+    let (planning, human) = (ms(after[0], before[0]), ms(after[1], before[1]));
     println!(
         "processor time of a plan, {name}: planner {planning:.1} ms, human model {human:.1} ms"
     );

@@ -11,6 +11,7 @@ pub mod matching;
 pub mod people;
 pub mod planner;
 pub mod round;
+pub mod threaded;
 
 pub use assistant::Assistant;
 pub use chooser::{Chooser, Method};
@@ -20,3 +21,4 @@ pub use items::Items;
 pub use matching::Matcher;
 pub use people::{ImaginedPeople, LocalPeople, PeopleError};
 pub use planner::{Decision, Planner, Settings};
+pub use threaded::ThreadedPeople;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// What a set says about itself: from its launcher's answer, and the arguments that it gave its processes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct About {
+pub struct SetDescription {
     /// `lockstep` or `realtime`.
     pub clock: Option<ClockMode>,
     /// How long a process polls before it sleeps, in µs; 0: it is always woken.
@@ -33,8 +33,8 @@ pub struct About {
 pub type AskStatus = fn(&Path) -> Option<serde_json::Value>;
 
 /// Reads what a set says about itself; what is not there stays empty.
-pub fn about(observer: &Observer, ask: AskStatus) -> About {
-    let mut about = About::default();
+pub fn about(observer: &Observer, ask: AskStatus) -> SetDescription {
+    let mut about = SetDescription::default();
     let mut processes = BTreeMap::new();
     for entry in std::fs::read_dir(observer.directory())
         .into_iter()

@@ -1,8 +1,8 @@
 //! What all processes did over some steps, and the messages between them: what a trace and a picture show.
 
 use crate::graph::{EDGES, HUMAN, PLANNER, STEP_ENDS};
-use crate::table::Mark;
-use crate::work::{Kind, Reader, Stretch};
+use crate::table::SendMark;
+use crate::work::{StepReader, Stretch, StretchKind};
 use messages::topic::{IMAGINE, IMAGINE_ANSWER};
 
 /// A message that somebody used, on the monotonic clock.
@@ -31,7 +31,7 @@ pub struct Activity {
 
 impl Activity {
     /// Of these steps.
-    pub fn of(reader: &Reader, episode: u32, steps: std::ops::RangeInclusive<u32>) -> Self {
+    pub fn of(reader: &StepReader, episode: u32, steps: std::ops::RangeInclusive<u32>) -> Self {
         let mut activity = Self::default();
         for step in steps {
             for output in STEP_ENDS {
@@ -56,7 +56,7 @@ impl Activity {
         activity
     }
 
-    fn add_imagination(&mut self, reader: &Reader, episode: u32, step: u32) {
+    fn add_imagination(&mut self, reader: &StepReader, episode: u32, step: u32) {
         let Some(plan) = reader.imagination(episode, step) else {
             return;
         };
@@ -64,12 +64,12 @@ impl Activity {
         for (from, to) in &answers {
             self.stretches.push(Stretch {
                 process: HUMAN,
-                kind: Kind::Answer,
+                kind: StretchKind::Answer,
                 from: *from,
                 to: *to,
             });
         }
-        let mut open: Vec<&(u32, Mark)> = plan.questions.iter().collect();
+        let mut open: Vec<&(u32, SendMark)> = plan.questions.iter().collect();
         for ((group, answer), (began, _)) in plan.answers.iter().zip(&answers) {
             let asked = open
                 .iter()
@@ -109,11 +109,19 @@ impl Activity {
             .stretches
             .iter()
             .copied()
-            .filter(|stretch| !matches!(stretch.kind, Kind::Wait(_) | Kind::AwaitAnswers))
+            .filter(|stretch| {
+                !matches!(
+                    stretch.kind,
+                    StretchKind::Wait(_) | StretchKind::AwaitAnswers
+                )
+            })
             .collect();
         let mut out: Vec<Stretch> = Vec::with_capacity(self.stretches.len());
         for stretch in &self.stretches {
-            if !matches!(stretch.kind, Kind::Wait(_) | Kind::AwaitAnswers) {
+            if !matches!(
+                stretch.kind,
+                StretchKind::Wait(_) | StretchKind::AwaitAnswers
+            ) {
                 out.push(*stretch);
                 continue;
             }

@@ -56,7 +56,7 @@ pub fn read(path: &Path) -> Result<Older> {
 /// How a figure changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum ChangeVerdict {
     /// Beyond the noise, and longer.
     Slower,
     /// Beyond the noise, and shorter.
@@ -81,7 +81,7 @@ pub struct Change {
     /// Of the rank test, before Holm's procedure; 1 where there are too few blocks.
     pub p: f64,
     /// What that means.
-    pub verdict: Verdict,
+    pub verdict: ChangeVerdict,
 }
 
 /// Compares the figures that both have, most changed first.
@@ -103,8 +103,8 @@ pub fn compare(before: &Older, after: &Profile) -> Vec<Change> {
                 ratio: is as f64 / (was as f64).max(1.0),
                 p: if enough { rank_test(old, new) } else { 1.0 },
                 verdict: match enough {
-                    true => Verdict::Same,
-                    false => Verdict::Unknown,
+                    true => ChangeVerdict::Same,
+                    false => ChangeVerdict::Unknown,
                 },
             });
         }
@@ -118,7 +118,7 @@ pub fn compare(before: &Older, after: &Profile) -> Vec<Change> {
 /// Holm's procedure over all changes with a test.
 fn judge(changes: &mut [Change]) {
     let mut tested: Vec<usize> = (0..changes.len())
-        .filter(|place| changes[*place].verdict != Verdict::Unknown)
+        .filter(|place| changes[*place].verdict != ChangeVerdict::Unknown)
         .collect();
     tested.sort_by(|a, b| changes[*a].p.total_cmp(&changes[*b].p));
     let count = tested.len();
@@ -129,8 +129,8 @@ fn judge(changes: &mut [Change]) {
         }
         if (change.ratio - 1.0).abs() >= LEAST {
             change.verdict = match change.ratio > 1.0 {
-                true => Verdict::Slower,
-                false => Verdict::Faster,
+                true => ChangeVerdict::Slower,
+                false => ChangeVerdict::Faster,
             };
         }
     }
@@ -233,7 +233,7 @@ mod tests {
             after: 1,
             ratio,
             p,
-            verdict: Verdict::Same,
+            verdict: ChangeVerdict::Same,
         }
     }
 
@@ -248,7 +248,7 @@ mod tests {
         judge(&mut changes);
         let verdicts = changes.map(|change| change.verdict);
         // 0.0001 ≤ 0.05/4, but by a thousandth; 0.001 ≤ 0.05/3; 0.02 ≤ 0.05/2; 0.03 ≤ 0.05.
-        use Verdict::{Faster, Same, Slower};
+        use ChangeVerdict::{Faster, Same, Slower};
         assert_eq!(verdicts, [Slower, Faster, Slower, Same]);
         let mut one = [change(0.03, 2.0), change(0.04, 2.0)];
         judge(&mut one);

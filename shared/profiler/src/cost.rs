@@ -9,8 +9,8 @@
 //! subscriber, and, unlike the tick, hardly changes where other work keeps the machine busy.
 
 use crate::system::cpu_ns;
-use crate::table::Table;
-use crate::watch::{Marker, Ports, Watch, own};
+use crate::table::StepTable;
+use crate::watch::{FrameMarker, Watch, WatchPorts, own};
 use anyhow::Result;
 use messages::Header;
 use runtime::{ObserverWake, now_ns};
@@ -96,14 +96,14 @@ pub fn measure(
     let mut own_cpu = (0, 0);
     // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, a subscriber of frames,
     // is there while the others come and go.
-    let mut left: Option<Moment> = None;
+    let mut left: Option<TickMoment> = None;
     for turn in 0..=turns {
-        let mut marker = Marker::attach(&watch.observer)?;
+        let mut marker = FrameMarker::attach(&watch.observer)?;
         let Some(first) = moment(watch, pids, || Ok(marker.newest()?))? else {
             return Ok(None);
         };
         alone.extend(left.and_then(|left| first.since(&left)));
-        let mut ports = Ports::attach(&watch.observer, plans)?;
+        let mut ports = WatchPorts::attach(&watch.observer, plans)?;
         drop(marker);
         let settled = match look_on(watch, &mut ports, SETTLE_NS)? {
             true => moment(watch, pids, || Ok(ports.newest_frame()?))?,
@@ -123,7 +123,7 @@ pub fn measure(
             return Ok(None);
         };
         watched.extend(last.since(&settled));
-        let mut marker = Marker::attach(&watch.observer)?;
+        let mut marker = FrameMarker::attach(&watch.observer)?;
         drop(ports);
         if watch.observer.sleep(now_ns() + SETTLE_NS)? != ObserverWake::Deadline {
             return Ok(None);
@@ -139,14 +139,14 @@ pub fn measure(
 
 /// A moment of the run.
 #[derive(Clone, Copy, Debug)]
-struct Moment {
+struct TickMoment {
     /// Sequence number of the newest frame, and when it was sent.
     frame: (u64, u64),
     /// Processor time of the set so far, and when it was read.
     cpu: (u64, u64),
 }
 
-impl Moment {
+impl TickMoment {
     fn since(&self, before: &Self) -> Option<Turn> {
         let steps = self.frame.0.checked_sub(before.frame.0)?;
         let tick = self.frame.1.saturating_sub(before.frame.1) as f64 / steps.max(1) as f64;
@@ -160,11 +160,11 @@ fn moment(
     watch: &mut Watch,
     pids: &[u32],
     mut newest: impl FnMut() -> Result<Option<Header>>,
-) -> Result<Option<Moment>> {
+) -> Result<Option<TickMoment>> {
     let since = now_ns();
     loop {
         if let Some(header) = newest()?.filter(|header| header.sent_ns >= since) {
-            return Ok(Some(Moment {
+            return Ok(Some(TickMoment {
                 frame: (header.sequence, header.sent_ns),
                 cpu: set_cpu(pids),
             }));
@@ -176,8 +176,8 @@ fn moment(
 }
 
 /// Watches for so long; false if the run ends, or for a signal.
-fn look_on(watch: &mut Watch, ports: &mut Ports, ns: u64) -> Result<bool> {
-    let mut table = Table::default();
+fn look_on(watch: &mut Watch, ports: &mut WatchPorts, ns: u64) -> Result<bool> {
+    let mut table = StepTable::default();
     let end = now_ns() + ns;
     while now_ns() < end {
         if watch.observer.sleep(now_ns() + ports.pause_ns())? != ObserverWake::Deadline {

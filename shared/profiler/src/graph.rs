@@ -1,4 +1,4 @@
-//! The message graph: which process answers which messages with which (DESIGN §3).
+//! The message graph: which process answers which messages with which.
 
 use messages::PROCESSES;
 use messages::topic;
@@ -8,7 +8,7 @@ use runtime::ClockMode;
 /// What the world sends besides, `world/outcome` and `world/scene`, is not watched: it goes out just before the frame, and
 /// every subscriber costs its sender something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Topic {
+pub enum GraphTopic {
     /// world/lidar
     Lidar,
     /// belief/robot
@@ -38,7 +38,7 @@ pub const HUMAN: usize = 3;
 pub const PLANNER: usize = 4;
 const RENDERER: usize = 5;
 
-impl Topic {
+impl GraphTopic {
     /// As iceoryx2 knows it.
     pub fn name(self) -> &'static str {
         match self {
@@ -66,14 +66,14 @@ impl Topic {
 }
 
 /// All of them.
-pub const STEP_ENDS: [Topic; TOPICS] = [
-    Topic::Lidar,
-    Topic::Observation,
-    Topic::Action,
-    Topic::RobotBelief,
-    Topic::HumanBelief,
-    Topic::Decision,
-    Topic::Display,
+pub const STEP_ENDS: [GraphTopic; TOPICS] = [
+    GraphTopic::Lidar,
+    GraphTopic::Observation,
+    GraphTopic::Action,
+    GraphTopic::RobotBelief,
+    GraphTopic::HumanBelief,
+    GraphTopic::Decision,
+    GraphTopic::Display,
 ];
 
 /// When an edge counts.
@@ -90,18 +90,18 @@ enum When {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
     /// What is needed.
-    pub from: Topic,
+    pub from: GraphTopic,
     /// Of which step, counted from the step of the message that is sent.
     pub step: i32,
     /// What is sent.
-    pub to: Topic,
+    pub to: GraphTopic,
     /// Whether the sent message takes its step from this one, so that it is known which one it was; of others, the newest
     /// that was there is assumed in real time.
     pub stamps: bool,
     when: When,
 }
 
-const fn edge(from: Topic, step: i32, to: Topic, stamps: bool, when: When) -> Edge {
+const fn edge(from: GraphTopic, step: i32, to: GraphTopic, stamps: bool, when: When) -> Edge {
     Edge {
         from,
         step,
@@ -116,57 +116,147 @@ const MOST_BEHIND: i32 = 16;
 
 /// Every edge of the graph. A set has either frames or observations; the other's edges carry nothing.
 pub const EDGES: [Edge; 21] = [
-    edge(Topic::Action, -1, Topic::Lidar, false, When::Always),
     edge(
-        Topic::HumanBelief,
+        GraphTopic::Action,
+        -1,
+        GraphTopic::Lidar,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::HumanBelief,
         -MOST_BEHIND,
-        Topic::Lidar,
+        GraphTopic::Lidar,
         false,
         When::Lockstep,
     ),
-    edge(Topic::Lidar, 0, Topic::RobotBelief, true, When::Always),
-    edge(Topic::Action, -1, Topic::RobotBelief, false, When::Always),
-    edge(Topic::Lidar, 0, Topic::HumanBelief, true, When::Always),
-    edge(Topic::Display, 0, Topic::HumanBelief, false, When::Always),
-    edge(Topic::Action, -1, Topic::HumanBelief, false, When::Always),
-    edge(Topic::RobotBelief, -1, Topic::Decision, true, When::Always),
     edge(
-        Topic::HumanBelief,
+        GraphTopic::Lidar,
+        0,
+        GraphTopic::RobotBelief,
+        true,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Action,
         -1,
-        Topic::Decision,
+        GraphTopic::RobotBelief,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Lidar,
+        0,
+        GraphTopic::HumanBelief,
+        true,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Display,
+        0,
+        GraphTopic::HumanBelief,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Action,
+        -1,
+        GraphTopic::HumanBelief,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::RobotBelief,
+        -1,
+        GraphTopic::Decision,
+        true,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::HumanBelief,
+        -1,
+        GraphTopic::Decision,
         false,
         When::Planning,
     ),
-    edge(Topic::Action, -1, Topic::Decision, false, When::Planning),
-    edge(Topic::Display, -1, Topic::Decision, false, When::Planning),
-    edge(Topic::Lidar, 0, Topic::Display, true, When::Always),
-    edge(Topic::Decision, 0, Topic::Display, false, When::Always),
-    edge(Topic::Lidar, 0, Topic::Action, true, When::Always),
-    edge(Topic::Display, 0, Topic::Action, false, When::Always),
-    edge(Topic::Action, -1, Topic::Observation, false, When::Always),
     edge(
-        Topic::HumanBelief,
+        GraphTopic::Action,
+        -1,
+        GraphTopic::Decision,
+        false,
+        When::Planning,
+    ),
+    edge(
+        GraphTopic::Display,
+        -1,
+        GraphTopic::Decision,
+        false,
+        When::Planning,
+    ),
+    edge(
+        GraphTopic::Lidar,
+        0,
+        GraphTopic::Display,
+        true,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Decision,
+        0,
+        GraphTopic::Display,
+        false,
+        When::Always,
+    ),
+    edge(GraphTopic::Lidar, 0, GraphTopic::Action, true, When::Always),
+    edge(
+        GraphTopic::Display,
+        0,
+        GraphTopic::Action,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Action,
+        -1,
+        GraphTopic::Observation,
+        false,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::HumanBelief,
         -MOST_BEHIND,
-        Topic::Observation,
+        GraphTopic::Observation,
         false,
         When::Lockstep,
     ),
     edge(
-        Topic::Observation,
+        GraphTopic::Observation,
         0,
-        Topic::RobotBelief,
+        GraphTopic::RobotBelief,
         true,
         When::Always,
     ),
     edge(
-        Topic::Observation,
+        GraphTopic::Observation,
         0,
-        Topic::HumanBelief,
+        GraphTopic::HumanBelief,
         true,
         When::Always,
     ),
-    edge(Topic::Observation, 0, Topic::Display, true, When::Always),
-    edge(Topic::Observation, 0, Topic::Action, true, When::Always),
+    edge(
+        GraphTopic::Observation,
+        0,
+        GraphTopic::Display,
+        true,
+        When::Always,
+    ),
+    edge(
+        GraphTopic::Observation,
+        0,
+        GraphTopic::Action,
+        true,
+        When::Always,
+    ),
 ];
 
 impl Edge {

@@ -21,14 +21,14 @@ pub mod units;
 mod watch;
 mod work;
 
-pub use about::{About, AskStatus};
+pub use about::{AskStatus, SetDescription};
 pub use cost::Cost;
 pub use hlog::log as hlog;
 pub use metrics::{Metric, Samples};
 pub use picture::svg as picture;
 pub use result::{Profile, Trace};
 pub use started::StartedSet;
-pub use watch::{End, Observed, Until, Watch, nothing_seen};
+pub use watch::{Observed, Until, Watch, WatchEnd, nothing_seen};
 
 use anyhow::Result;
 

@@ -1,8 +1,8 @@
 //! Figures over all steps: what is measured, its percentiles, and its blocks for later comparisons.
 
-use crate::graph::{EDGES, STEP_ENDS, Topic};
-use crate::table::Table;
-use crate::work::{Kind, Reader};
+use crate::graph::{EDGES, GraphTopic, STEP_ENDS};
+use crate::table::StepTable;
+use crate::work::{StepReader, StretchKind};
 use messages::PROCESSES;
 use runtime::ClockMode;
 use serde::{Deserialize, Serialize};
@@ -140,7 +140,7 @@ impl Samples {
     }
 
     /// Takes every figure of every step.
-    pub fn new(reader: &Reader) -> Self {
+    pub fn new(reader: &StepReader) -> Self {
         let mut samples = Self::default();
         let names: Vec<(String, String)> = (0..EDGES.len())
             .map(|edge| (wait_of(edge), hop_of(edge)))
@@ -199,7 +199,7 @@ impl Samples {
                         );
                     }
                 }
-                if seen.planned && output == Topic::Decision {
+                if seen.planned && output == GraphTopic::Decision {
                     samples.add(
                         AWAITED,
                         || "waited by planner for answers, in a plan".to_owned(),
@@ -213,9 +213,9 @@ impl Samples {
         samples
     }
 
-    fn add_latencies(&mut self, seen: &crate::table::Step) {
-        let decision = seen.mark(Topic::Decision);
-        let display = seen.mark(Topic::Display);
+    fn add_latencies(&mut self, seen: &crate::table::StepMarks) {
+        let decision = seen.mark(GraphTopic::Decision);
+        let display = seen.mark(GraphTopic::Display);
         if let Some(display) = display {
             self.add(
                 TO_DISPLAY,
@@ -244,7 +244,7 @@ impl Samples {
         }
     }
 
-    fn add_imagination(&mut self, reader: &Reader, episode: u32, step: u32) {
+    fn add_imagination(&mut self, reader: &StepReader, episode: u32, step: u32) {
         let Some(plan) = reader.imagination(episode, step) else {
             return;
         };
@@ -259,7 +259,7 @@ impl Samples {
         }
         // Where one was lost, which answer belongs to which question cannot be told.
         if plan.questions.len() == plan.answers.len() {
-            let mut open: Vec<&(u32, crate::table::Mark)> = plan.questions.iter().collect();
+            let mut open: Vec<&(u32, crate::table::SendMark)> = plan.questions.iter().collect();
             for ((group, answer), (from, _)) in plan.answers.iter().zip(&answers) {
                 let asked = open
                     .iter()
@@ -301,8 +301,8 @@ impl Samples {
 
 /// A step's latency, whose slowest and typical case are shown: in lockstep the tick; in real time, where ticks come from
 /// the clock, from sensing to decision.
-pub fn latency(reader: &Reader, episode: u32, step: u32) -> Option<(u64, u64)> {
-    let table: &Table = reader.table;
+pub fn latency(reader: &StepReader, episode: u32, step: u32) -> Option<(u64, u64)> {
+    let table: &StepTable = reader.table;
     match reader.clock {
         ClockMode::Lockstep => {
             let from = table.sensed(episode, step)?.sent;
@@ -310,17 +310,17 @@ pub fn latency(reader: &Reader, episode: u32, step: u32) -> Option<(u64, u64)> {
             (to > from).then_some((from, to))
         }
         ClockMode::RealTime => {
-            let decision = table.mark(Topic::Decision, episode, step + 1)?;
+            let decision = table.mark(GraphTopic::Decision, episode, step + 1)?;
             (decision.sent > decision.cause).then_some((decision.cause, decision.sent))
         }
     }
 }
 
 /// The message at the end of [`latency`].
-pub fn latency_end(reader: &Reader, episode: u32, step: u32) -> Option<Topic> {
+pub fn latency_end(reader: &StepReader, episode: u32, step: u32) -> Option<GraphTopic> {
     match reader.clock {
         ClockMode::Lockstep => reader.table.step(episode, step)?.sensed_on(),
-        ClockMode::RealTime => Some(Topic::Decision),
+        ClockMode::RealTime => Some(GraphTopic::Decision),
     }
 }
 
@@ -340,19 +340,19 @@ pub struct PathPart {
 }
 
 /// What a stretch is called.
-pub fn label(kind: Kind) -> String {
+pub fn label(kind: StretchKind) -> String {
     match kind {
-        Kind::Compute(topic) => format!("computes {}", topic.name()),
-        Kind::Wait(topic) => format!("begins late: {} waits", topic.name()),
-        Kind::AwaitAnswers => "awaits answers".to_owned(),
-        Kind::Answer => "answers".to_owned(),
-        Kind::Unknown => "unknown: a message was not seen".to_owned(),
+        StretchKind::Compute(topic) => format!("computes {}", topic.name()),
+        StretchKind::Wait(topic) => format!("begins late: {} waits", topic.name()),
+        StretchKind::AwaitAnswers => "awaits answers".to_owned(),
+        StretchKind::Answer => "answers".to_owned(),
+        StretchKind::Unknown => "unknown: a message was not seen".to_owned(),
     }
 }
 
 /// Where the latency of all steps goes, along each step's critical path; the parts add up to the whole.
-pub fn path_parts(reader: &Reader) -> Vec<PathPart> {
-    let mut sums: BTreeMap<(usize, Kind), (u64, u64)> = BTreeMap::new();
+pub fn path_parts(reader: &StepReader) -> Vec<PathPart> {
+    let mut sums: BTreeMap<(usize, StretchKind), (u64, u64)> = BTreeMap::new();
     let (mut steps, mut total) = (0u64, 0u64);
     for (episode, step, _) in reader.table.iter() {
         let Some((from, to)) = latency(reader, episode, step) else {

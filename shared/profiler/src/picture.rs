@@ -45,7 +45,7 @@ fn panel(out: &mut String, trace: &Trace, title: &str, subtitle: &str) -> f64 {
     let length = trace.latency_ns as f64;
     let (from, to) = (-0.04 * length, 1.06 * length);
     let scale = (WIDTH - LEFT - RIGHT) / (to - from);
-    let drawing = Drawing {
+    let drawing = StepDrawing {
         rows,
         x: move |ns: f64| LEFT + (ns.clamp(from, to) - from) * scale,
     };
@@ -62,12 +62,12 @@ fn panel(out: &mut String, trace: &Trace, title: &str, subtitle: &str) -> f64 {
     height
 }
 
-struct Drawing<'a, X> {
+struct StepDrawing<'a, X> {
     rows: Vec<&'a str>,
     x: X,
 }
 
-impl<X: Fn(f64) -> f64> Drawing<'_, X> {
+impl<X: Fn(f64) -> f64> StepDrawing<'_, X> {
     fn y(&self, process: &str) -> Option<f64> {
         let row = self.rows.iter().position(|name| *name == process)?;
         Some(TOP + ROW * row as f64 + (ROW - BAR) / 2.0)

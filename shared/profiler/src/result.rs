@@ -1,13 +1,13 @@
 //! `profile.json`: everything that a profile says, with a version.
 
-use crate::about::About;
+use crate::about::SetDescription;
 use crate::activity::Activity;
 use crate::cost::Cost;
-use crate::graph::Topic;
+use crate::graph::GraphTopic;
 use crate::metrics::{self, Metric, PathPart, Samples, label, latency, latency_end};
 use crate::system;
-use crate::watch::{End, Observed, Watched};
-use crate::work::{Kind, Reader, Stretch};
+use crate::watch::{Observed, WatchEnd, Watched};
+use crate::work::{StepReader, Stretch, StretchKind};
 use messages::PROCESSES;
 use messages::Report;
 use runtime::{ClockMode, text_of};
@@ -51,7 +51,7 @@ pub struct Measured {
     pub attached: bool,
     /// What the set says about itself.
     #[serde(flatten)]
-    pub about: About,
+    pub about: SetDescription,
     /// How processes wait.
     pub waiting: String,
     /// Cores that processes may use.
@@ -232,10 +232,10 @@ impl Profile {
             others_busy_cores: ((busy - set_cpu - own.cpu_s) / observed.seconds.max(1e-9)).max(0.0),
             seconds: observed.seconds,
             ended: match observed.end {
-                End::Enough => "everything asked for was seen",
-                End::Full => "no more steps could be kept",
-                End::RunOver => "the run ended",
-                End::Stop => "interrupted",
+                WatchEnd::Enough => "everything asked for was seen",
+                WatchEnd::Full => "no more steps could be kept",
+                WatchEnd::RunOver => "the run ended",
+                WatchEnd::Stop => "interrupted",
             }
             .to_owned(),
         };
@@ -257,8 +257,8 @@ impl Profile {
 
 impl Observed {
     /// Reads work out of what was observed.
-    pub fn reader(&self) -> Reader<'_> {
-        Reader {
+    pub fn reader(&self) -> StepReader<'_> {
+        StepReader {
             table: &self.table,
             clock: self.about.clock.unwrap_or(ClockMode::Lockstep),
         }
@@ -279,10 +279,10 @@ fn own(observed: &Observed, slowdown: Option<Cost>) -> Own {
 fn counts(observed: &Observed, processes: &BTreeMap<String, ProcessProfile>) -> Counts {
     let table = &observed.table;
     let answers = [
-        Topic::RobotBelief,
-        Topic::HumanBelief,
-        Topic::Display,
-        Topic::Action,
+        GraphTopic::RobotBelief,
+        GraphTopic::HumanBelief,
+        GraphTopic::Display,
+        GraphTopic::Action,
     ];
     let (mut steps, mut incomplete_steps) = (0, 0);
     for (.., step) in table.iter() {
@@ -372,7 +372,7 @@ impl Reported {
 }
 
 /// Steps of median and of greatest latency.
-fn pick(reader: &Reader) -> [Option<(u32, u32)>; 2] {
+fn pick(reader: &StepReader) -> [Option<(u32, u32)>; 2] {
     let mut all: Vec<(u64, u32, u32)> = reader
         .table
         .iter()
@@ -393,17 +393,17 @@ fn pick(reader: &Reader) -> [Option<(u32, u32)>; 2] {
 }
 
 /// Everything that happened during a step's latency.
-fn trace(reader: &Reader, episode: u32, step: u32) -> Option<Trace> {
+fn trace(reader: &StepReader, episode: u32, step: u32) -> Option<Trace> {
     let (from, to) = latency(reader, episode, step)?;
     let end = latency_end(reader, episode, step + 1)?;
     let since = |ns: u64| ns as i64 - from as i64;
     let span = |stretch: &Stretch| Span {
         process: PROCESSES[stretch.process].to_owned(),
         kind: match stretch.kind {
-            Kind::Compute(_) | Kind::Answer => "compute",
-            Kind::Wait(_) => "wait",
-            Kind::AwaitAnswers => "answers",
-            Kind::Unknown => "unknown",
+            StretchKind::Compute(_) | StretchKind::Answer => "compute",
+            StretchKind::Wait(_) => "wait",
+            StretchKind::AwaitAnswers => "answers",
+            StretchKind::Unknown => "unknown",
         }
         .to_owned(),
         what: label(stretch.kind),

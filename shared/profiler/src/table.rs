@@ -1,11 +1,11 @@
 //! What was seen of every step: the headers of its messages, and of the questions and answers of its plan.
 
-use crate::graph::{TOPICS, Topic};
+use crate::graph::{GraphTopic, TOPICS};
 use messages::Header;
 use std::collections::{BTreeMap, VecDeque};
 
 /// On which of them a world lets itself be sensed.
-const SENSED: [Topic; 2] = [Topic::Lidar, Topic::Observation];
+const SENSED: [GraphTopic; 2] = [GraphTopic::Lidar, GraphTopic::Observation];
 
 /// Steps kept at most; at 8,000 steps a second, half a minute.
 pub const MOST_STEPS: usize = 200_000;
@@ -14,7 +14,7 @@ const FARTHEST: u32 = 10_000;
 
 /// The times in a message's header, in ns of the monotonic clock; all zeros where no message was seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Mark {
+pub struct SendMark {
     /// When it was sent.
     pub sent: u64,
     /// What its sender computed for it.
@@ -23,7 +23,7 @@ pub struct Mark {
     pub cause: u64,
 }
 
-impl Mark {
+impl SendMark {
     /// Of a header.
     pub fn of(header: &Header) -> Self {
         Self {
@@ -41,49 +41,49 @@ impl Mark {
 
 /// What planner and human model said to each other for one plan, in order.
 #[derive(Clone, Debug, Default)]
-pub struct Imagination {
+pub struct ImaginationMarks {
     /// The planner's questions: group, mark.
-    pub questions: Vec<(u32, Mark)>,
+    pub questions: Vec<(u32, SendMark)>,
     /// The human model's answers: group, mark.
-    pub answers: Vec<(u32, Mark)>,
+    pub answers: Vec<(u32, SendMark)>,
 }
 
 /// A step.
 #[derive(Clone, Debug, Default)]
-pub struct Step {
-    marks: [Mark; TOPICS],
+pub struct StepMarks {
+    marks: [SendMark; TOPICS],
     /// Whether the decision *for* this step was planned, rather than sent by a planner that never says anything.
     pub planned: bool,
     /// The plan that started *from* this step.
-    pub imagination: Option<Box<Imagination>>,
+    pub imagination: Option<Box<ImaginationMarks>>,
 }
 
-impl Step {
+impl StepMarks {
     /// The step's message on a topic.
-    pub fn mark(&self, topic: Topic) -> Option<&Mark> {
+    pub fn mark(&self, topic: GraphTopic) -> Option<&SendMark> {
         Some(&self.marks[topic as usize]).filter(|mark| mark.is_seen())
     }
 
     /// What could be sensed: a frame, or a gridworld's observation.
-    pub fn sensed(&self) -> Option<&Mark> {
+    pub fn sensed(&self) -> Option<&SendMark> {
         SENSED.iter().find_map(|topic| self.mark(*topic))
     }
 
     /// On which topic that was.
-    pub fn sensed_on(&self) -> Option<Topic> {
+    pub fn sensed_on(&self) -> Option<GraphTopic> {
         SENSED.into_iter().find(|topic| self.mark(*topic).is_some())
     }
 }
 
-struct Episode {
+struct EpisodeSteps {
     first: u32,
-    steps: VecDeque<Step>,
+    steps: VecDeque<StepMarks>,
 }
 
 /// All steps, by episode and step.
 #[derive(Default)]
-pub struct Table {
-    episodes: BTreeMap<u32, Episode>,
+pub struct StepTable {
+    episodes: BTreeMap<u32, EpisodeSteps>,
     len: usize,
     /// Second messages of a step on a topic: in real time, a late decision is shown again.
     pub repeated: u64,
@@ -91,7 +91,7 @@ pub struct Table {
     pub unplaced: u64,
 }
 
-impl Table {
+impl StepTable {
     /// Steps of which something was seen.
     pub fn len(&self) -> usize {
         self.len
@@ -103,19 +103,19 @@ impl Table {
     }
 
     /// Takes note of a message.
-    pub fn add(&mut self, topic: Topic, header: &Header) {
+    pub fn add(&mut self, topic: GraphTopic, header: &Header) {
         let Some(step) = self.at(header) else { return };
         let mark = &mut step.marks[topic as usize];
         if mark.is_seen() {
             self.repeated += 1;
         } else {
-            *mark = Mark::of(header);
+            *mark = SendMark::of(header);
         }
     }
 
     /// Takes note of a decision.
     pub fn add_decision(&mut self, header: &Header, planned: bool) {
-        self.add(Topic::Decision, header);
+        self.add(GraphTopic::Decision, header);
         if let Some(step) = self.at(header) {
             step.planned = planned;
         }
@@ -130,15 +130,15 @@ impl Table {
         } else {
             &mut imagination.questions
         };
-        list.push((group, Mark::of(header)));
+        list.push((group, SendMark::of(header)));
     }
 
     /// The step of a header, made if it is new.
-    fn at(&mut self, header: &Header) -> Option<&mut Step> {
+    fn at(&mut self, header: &Header) -> Option<&mut StepMarks> {
         let episode = self
             .episodes
             .entry(header.episode)
-            .or_insert_with(|| Episode {
+            .or_insert_with(|| EpisodeSteps {
                 first: header.step,
                 steps: VecDeque::new(),
             });
@@ -150,12 +150,12 @@ impl Table {
             return None;
         }
         while header.step < episode.first {
-            episode.steps.push_front(Step::default());
+            episode.steps.push_front(StepMarks::default());
             episode.first -= 1;
             self.len += 1;
         }
         while header.step >= episode.first + episode.steps.len() as u32 {
-            episode.steps.push_back(Step::default());
+            episode.steps.push_back(StepMarks::default());
             self.len += 1;
         }
         let place = (header.step - episode.first) as usize;
@@ -163,7 +163,7 @@ impl Table {
     }
 
     /// A step.
-    pub fn step(&self, episode: u32, step: u32) -> Option<&Step> {
+    pub fn step(&self, episode: u32, step: u32) -> Option<&StepMarks> {
         let episode = self.episodes.get(&episode)?;
         let place = step.checked_sub(episode.first)?;
         episode.steps.get(place as usize)
@@ -176,17 +176,17 @@ impl Table {
     }
 
     /// A message of a step.
-    pub fn mark(&self, topic: Topic, episode: u32, step: u32) -> Option<&Mark> {
+    pub fn mark(&self, topic: GraphTopic, episode: u32, step: u32) -> Option<&SendMark> {
         self.step(episode, step)?.mark(topic)
     }
 
     /// What could be sensed at a step.
-    pub fn sensed(&self, episode: u32, step: u32) -> Option<&Mark> {
+    pub fn sensed(&self, episode: u32, step: u32) -> Option<&SendMark> {
         self.step(episode, step)?.sensed()
     }
 
     /// All steps in order: episode, step, what was seen.
-    pub fn iter(&self) -> impl Iterator<Item = (u32, u32, &Step)> {
+    pub fn iter(&self) -> impl Iterator<Item = (u32, u32, &StepMarks)> {
         self.episodes.iter().flat_map(|(number, episode)| {
             let first = episode.first;
             let steps = episode.steps.iter().enumerate();
@@ -210,19 +210,19 @@ mod tests {
 
     #[test]
     fn steps_are_found_whatever_the_order_in_which_topics_are_emptied() {
-        let mut table = Table::default();
-        table.add(Topic::Lidar, &header(3, 10, 100));
-        table.add(Topic::Lidar, &header(4, 0, 300));
-        table.add(Topic::Action, &header(3, 9, 90));
-        table.add(Topic::Action, &header(3, 10, 110));
-        table.add(Topic::Action, &header(3, 10, 120));
-        table.add(Topic::Action, &header(3, 4_000_000_000, 130));
+        let mut table = StepTable::default();
+        table.add(GraphTopic::Lidar, &header(3, 10, 100));
+        table.add(GraphTopic::Lidar, &header(4, 0, 300));
+        table.add(GraphTopic::Action, &header(3, 9, 90));
+        table.add(GraphTopic::Action, &header(3, 10, 110));
+        table.add(GraphTopic::Action, &header(3, 10, 120));
+        table.add(GraphTopic::Action, &header(3, 4_000_000_000, 130));
         assert_eq!((table.len(), table.episodes()), (3, 2));
         assert_eq!((table.repeated, table.unplaced), (1, 1));
-        assert_eq!(table.mark(Topic::Action, 3, 10).unwrap().sent, 110);
-        assert_eq!(table.mark(Topic::Action, 3, 9).unwrap().sent, 90);
-        assert!(table.mark(Topic::Lidar, 3, 9).is_none());
-        assert!(table.mark(Topic::Lidar, 3, 8).is_none());
+        assert_eq!(table.mark(GraphTopic::Action, 3, 10).unwrap().sent, 110);
+        assert_eq!(table.mark(GraphTopic::Action, 3, 9).unwrap().sent, 90);
+        assert!(table.mark(GraphTopic::Lidar, 3, 9).is_none());
+        assert!(table.mark(GraphTopic::Lidar, 3, 8).is_none());
         let order: Vec<_> = table
             .iter()
             .map(|(episode, step, _)| (episode, step))

@@ -1,6 +1,6 @@
 //! A profile as a table for people.
 
-use crate::compare::{Change, Older, Verdict};
+use crate::compare::{Change, ChangeVerdict, Older};
 use crate::graph::{EDGES, Edge};
 use crate::metrics::{self, Metric, compute_of, hop_of, wait_of};
 use crate::result::{Measured, Profile, Trace};
@@ -369,7 +369,10 @@ pub fn changes(older: &Older, profile: &Profile, changes: &[Change]) -> String {
             .iter()
             .filter(move |change| change.verdict == verdict)
     };
-    for (verdict, word) in [(Verdict::Slower, "slower"), (Verdict::Faster, "faster")] {
+    for (verdict, word) in [
+        (ChangeVerdict::Slower, "slower"),
+        (ChangeVerdict::Faster, "faster"),
+    ] {
         for change in of(verdict) {
             let _ = writeln!(
                 out,
@@ -387,10 +390,10 @@ pub fn changes(older: &Older, profile: &Profile, changes: &[Change]) -> String {
         "  {} slower, {} faster, {} within the noise, {} with too few samples to tell\n  \
          (rule: rank test over blocks of steps, 5 % over all figures by Holm, and at least 2 %; noise is what blocks of one run\n   \
          differ by: what two runs of the same program differ by, as on a machine with other work, comes on top)",
-        of(Verdict::Slower).count(),
-        of(Verdict::Faster).count(),
-        of(Verdict::Same).count(),
-        of(Verdict::Unknown).count()
+        of(ChangeVerdict::Slower).count(),
+        of(ChangeVerdict::Faster).count(),
+        of(ChangeVerdict::Same).count(),
+        of(ChangeVerdict::Unknown).count()
     );
     out
 }

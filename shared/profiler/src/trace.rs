@@ -4,7 +4,7 @@
 
 use crate::activity::{Activity, Flow};
 use crate::metrics::label;
-use crate::work::{Kind, Reader, Stretch};
+use crate::work::{StepReader, Stretch, StretchKind};
 use messages::PROCESSES;
 use serde_json::{Value, json};
 
@@ -16,7 +16,7 @@ const AROUND_PLANS: u32 = 40;
 /// A trace of the steps around these, each an episode and a step. Overlapping stretches of steps are written once.
 /// `pids`: of the processes in launch order. `about` goes into the file's `otherData`, with the moment of the trace's zero
 /// on the monotonic clock.
-pub fn trace(reader: &Reader, around: &[(u32, u32)], pids: &[u32], about: Value) -> Value {
+pub fn trace(reader: &StepReader, around: &[(u32, u32)], pids: &[u32], about: Value) -> Value {
     let mut windows: Vec<(u32, u32, u32)> = around
         .iter()
         .map(|(episode, step)| {
@@ -100,9 +100,9 @@ impl Writer<'_> {
 
     fn slice(&mut self, episode: u32, stretch: &Stretch) {
         let category = match stretch.kind {
-            Kind::Compute(_) | Kind::Answer => "compute",
-            Kind::Wait(_) | Kind::AwaitAnswers => "wait",
-            Kind::Unknown => "unknown",
+            StretchKind::Compute(_) | StretchKind::Answer => "compute",
+            StretchKind::Wait(_) | StretchKind::AwaitAnswers => "wait",
+            StretchKind::Unknown => "unknown",
         };
         let pid = self.pid(stretch.process);
         self.events.push(json!({

@@ -1,10 +1,10 @@
 //! Watching a set: as one more subscriber of every topic, which looks every few milliseconds and is never woken.
 
-use crate::about::{About, AskStatus, about};
-use crate::graph::Topic;
+use crate::about::{AskStatus, SetDescription, about};
+use crate::graph::GraphTopic;
 use crate::started::StartedSet;
 use crate::system::{self, Machine, Usage};
-use crate::table::{MOST_STEPS, Table};
+use crate::table::{MOST_STEPS, StepTable};
 use anyhow::Result;
 use messages::PROCESSES;
 use messages::{
@@ -30,7 +30,7 @@ const REPORT_NS: u64 = 1_000_000_000;
 const REPORT_LOOK_NS: u64 = 2_000_000;
 
 /// One subscriber of every topic of a step.
-pub struct Ports {
+pub struct WatchPorts {
     lidar: Input<LidarFrame>,
     observation: Input<Observation>,
     robot_belief: Input<RobotBelief>,
@@ -48,7 +48,7 @@ pub struct Ports {
     plans_until: u64,
 }
 
-impl Ports {
+impl WatchPorts {
     /// Subscribes. `expects_plans`: whether the planner may be imagining, so that looks must be frequent from the start.
     ///
     /// # Errors
@@ -75,7 +75,7 @@ impl Ports {
     }
 
     /// Takes what waits. Of every message only the header is read, and of decisions and imagination a number more.
-    pub fn drain(&mut self, table: &mut Table) -> Result<(), PortError> {
+    pub fn drain(&mut self, table: &mut StepTable) -> Result<(), PortError> {
         let questions_before = self.questions.received();
         let mut messages = 0;
         macro_rules! headers {
@@ -83,7 +83,7 @@ impl Ports {
                 while self.$input.take()? {
                     if let Some(header) = self.$input.header() {
                         messages += 1;
-                        table.add(Topic::$topic, header);
+                        table.add(GraphTopic::$topic, header);
                     }
                 }
             )*};
@@ -96,7 +96,7 @@ impl Ports {
                 while self.$input.take()? {
                     if let Some(header) = self.$input.header() {
                         messages += 1;
-                        table.add(Topic::$topic, header);
+                        table.add(GraphTopic::$topic, header);
                         self.frame = Some(*header);
                     }
                 }
@@ -167,16 +167,16 @@ impl Ports {
 }
 
 /// One subscriber of frames, whichever the world sends.
-pub struct Marker {
+pub struct FrameMarker {
     lidar: Input<LidarFrame>,
     observation: Input<Observation>,
 }
 
-impl Marker {
+impl FrameMarker {
     /// Subscribes.
     ///
     /// # Errors
-    /// As [`Ports::attach`].
+    /// As [`WatchPorts::attach`].
     pub fn attach(observer: &Observer) -> Result<Self, PortError> {
         Ok(Self {
             lidar: observer.input(topic::LIDAR)?,
@@ -213,7 +213,7 @@ pub struct Until {
 
 /// Why watching ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum WatchEnd {
     /// What was asked for has been seen.
     Enough,
     /// Memory holds no more steps.
@@ -240,9 +240,9 @@ pub struct Watched {
 /// What was observed.
 pub struct Observed {
     /// Headers of all messages.
-    pub table: Table,
+    pub table: StepTable,
     /// What the set says about itself.
-    pub about: About,
+    pub about: SetDescription,
     /// The processes, in launch order, and the launcher last.
     pub processes: Vec<Watched>,
     /// The machine before and after.
@@ -256,7 +256,7 @@ pub struct Observed {
     /// How long.
     pub seconds: f64,
     /// Why it ended.
-    pub end: End,
+    pub end: WatchEnd,
 }
 
 impl Observed {
@@ -296,8 +296,8 @@ impl Watch {
     /// When a port fails.
     pub fn observe(&mut self, until: Until) -> Result<Observed> {
         let attached_ns = now_ns();
-        let mut ports = Ports::attach(&self.observer, true)?;
-        let mut table = Table::default();
+        let mut ports = WatchPorts::attach(&self.observer, true)?;
+        let mut table = StepTable::default();
         let mut processes = vec![Watched::default(); PROCESSES.len() + 1];
         let mut end = self.first_frame(&mut ports, &mut table)?;
         let about = about(&self.observer, self.ask);
@@ -312,8 +312,8 @@ impl Watch {
         while end.is_none() {
             match self.observer.sleep(now_ns() + ports.pause_ns())? {
                 ObserverWake::Deadline => {}
-                ObserverWake::RunOver => end = Some(End::RunOver),
-                ObserverWake::Stop => end = Some(End::Stop),
+                ObserverWake::RunOver => end = Some(WatchEnd::RunOver),
+                ObserverWake::Stop => end = Some(WatchEnd::Stop),
             }
             ports.drain(&mut table)?;
             self.take_reports(&mut processes, run_id, attached_ns)?;
@@ -327,9 +327,9 @@ impl Watch {
             if until.ns.is_some_and(|ns| now - started >= ns)
                 || until.episodes.is_some_and(|asked| episodes >= asked)
             {
-                end.get_or_insert(End::Enough);
+                end.get_or_insert(WatchEnd::Enough);
             } else if table.len() >= MOST_STEPS {
-                end.get_or_insert(End::Full);
+                end.get_or_insert(WatchEnd::Full);
             }
         }
         let own_after = own();
@@ -338,8 +338,8 @@ impl Watch {
         let seconds = (own_after.at_ns - own_before.at_ns) as f64 * 1e-9;
         // What is still on its way belongs to the last steps; those who ended have said their last words.
         ports.drain(&mut table)?;
-        let end = end.unwrap_or(End::Enough);
-        if end != End::RunOver && run_id != 0 {
+        let end = end.unwrap_or(WatchEnd::Enough);
+        if end != WatchEnd::RunOver && run_id != 0 {
             self.last_reports(&mut processes, run_id, attached_ns)?;
         }
         self.take_reports(&mut processes, run_id, attached_ns)?;
@@ -357,12 +357,16 @@ impl Watch {
     }
 
     /// Waits for the first frame. A set that we started learns first.
-    fn first_frame(&mut self, ports: &mut Ports, table: &mut Table) -> Result<Option<End>> {
+    fn first_frame(
+        &mut self,
+        ports: &mut WatchPorts,
+        table: &mut StepTable,
+    ) -> Result<Option<WatchEnd>> {
         loop {
             match self.observer.sleep(now_ns() + ports.pause_ns())? {
                 ObserverWake::Deadline => {}
-                ObserverWake::RunOver => return Ok(Some(End::RunOver)),
-                ObserverWake::Stop => return Ok(Some(End::Stop)),
+                ObserverWake::RunOver => return Ok(Some(WatchEnd::RunOver)),
+                ObserverWake::Stop => return Ok(Some(WatchEnd::Stop)),
             }
             ports.drain(table)?;
             if ports.frame.is_some() {

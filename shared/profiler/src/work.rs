@@ -16,8 +16,8 @@
 //!   gives the pieces in between. The human model's compute time since its last step includes the answers that it gave;
 //!   the last answer's header says how much that was.
 
-use crate::graph::{EDGES, Edge, HUMAN, PLANNER, Topic};
-use crate::table::{Imagination, Mark, Table};
+use crate::graph::{EDGES, Edge, GraphTopic, HUMAN, PLANNER};
+use crate::table::{ImaginationMarks, SendMark, StepTable};
 use runtime::ClockMode;
 
 /// In real time, an input of another step than the output's is looked for so many steps back.
@@ -43,7 +43,7 @@ pub struct Stretch {
     /// The process: a place in [`PROCESSES`](messages::PROCESSES).
     pub process: usize,
     /// What happened.
-    pub kind: Kind,
+    pub kind: StretchKind,
     /// From, in ns of the monotonic clock.
     pub from: u64,
     /// To.
@@ -52,11 +52,11 @@ pub struct Stretch {
 
 /// What happens in a stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum StretchKind {
     /// It computes the message that ends its step.
-    Compute(Topic),
+    Compute(GraphTopic),
     /// It could begin, for its newest input is there, but has not: it is being woken, does something else, or has no core.
-    Wait(Topic),
+    Wait(GraphTopic),
     /// The planner waits for answers.
     AwaitAnswers,
     /// The human model answers a question.
@@ -67,9 +67,9 @@ pub enum Kind {
 
 /// A process's step.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Work {
+pub struct StepWork {
     /// What it sent.
-    pub output: Topic,
+    pub output: GraphTopic,
     /// The output's step.
     pub step: u32,
     /// When it began; see the module.
@@ -86,7 +86,7 @@ pub struct Work {
     pub clamped: bool,
 }
 
-impl Work {
+impl StepWork {
     /// The input that came last.
     pub fn newest(&self) -> Option<&Used> {
         self.inputs.iter().max_by_key(|used| used.sent)
@@ -95,19 +95,19 @@ impl Work {
 
 /// Reads work out of a table of headers.
 #[derive(Clone, Copy)]
-pub struct Reader<'a> {
+pub struct StepReader<'a> {
     /// The headers.
-    pub table: &'a Table,
+    pub table: &'a StepTable,
     /// How time passes in the run.
     pub clock: ClockMode,
 }
 
-impl Reader<'_> {
+impl StepReader<'_> {
     /// The work that ended with a message; none if the message was not seen.
-    pub fn work(&self, output: Topic, episode: u32, step: u32) -> Option<Work> {
+    pub fn work(&self, output: GraphTopic, episode: u32, step: u32) -> Option<StepWork> {
         let seen = self.table.step(episode, step)?;
         let mark = *seen.mark(output)?;
-        let plan = (output == Topic::Decision && seen.planned)
+        let plan = (output == GraphTopic::Decision && seen.planned)
             .then(|| self.imagination(episode, step.checked_sub(1)?))
             .flatten();
         let first_question = plan.and_then(|plan| plan.questions.first());
@@ -138,7 +138,7 @@ impl Reader<'_> {
             }
             awaited = mark.sent.saturating_sub(began).saturating_sub(compute);
         }
-        Some(Work {
+        Some(StepWork {
             output,
             step,
             began,
@@ -158,10 +158,10 @@ impl Reader<'_> {
         episode: u32,
         step: u32,
         began: u64,
-        output: &Mark,
+        output: &SendMark,
     ) -> Option<Used> {
         let expected = step.checked_add_signed(edge.step)?;
-        let used = |step: u32, mark: &Mark| Used {
+        let used = |step: u32, mark: &SendMark| Used {
             edge: place,
             step,
             sent: mark.sent,
@@ -178,12 +178,12 @@ impl Reader<'_> {
     }
 
     /// The imagination of a plan that started from a step.
-    pub fn imagination(&self, episode: u32, step: u32) -> Option<&Imagination> {
+    pub fn imagination(&self, episode: u32, step: u32) -> Option<&ImaginationMarks> {
         self.table.step(episode, step)?.imagination.as_deref()
     }
 
     /// What the human model had computed for answers since its step before, which may belong to the episode before.
-    fn answered_before(&self, episode: u32, step: u32, belief: &Mark) -> u64 {
+    fn answered_before(&self, episode: u32, step: u32, belief: &SendMark) -> u64 {
         let table = self.table;
         let last_episode = episode
             .checked_sub(1)
@@ -197,7 +197,7 @@ impl Reader<'_> {
             });
         let before = recent
             .clone()
-            .filter_map(|(episode, step)| table.mark(Topic::HumanBelief, episode, step))
+            .filter_map(|(episode, step)| table.mark(GraphTopic::HumanBelief, episode, step))
             .map(|mark| mark.sent)
             .filter(|sent| *sent < belief.sent)
             .max()
@@ -232,7 +232,7 @@ impl Reader<'_> {
 
     /// A step's stretches, in order: the wait for its beginning (if its newest input is known), then computing and, for
     /// the planner, waiting for answers.
-    pub fn stretches(&self, episode: u32, work: &Work) -> Vec<Stretch> {
+    pub fn stretches(&self, episode: u32, work: &StepWork) -> Vec<Stretch> {
         let process = work.output.sender();
         let mut out = Vec::new();
         let mut push = |kind, from: u64, to: u64| {
@@ -246,9 +246,13 @@ impl Reader<'_> {
             }
         };
         if let Some(newest) = work.newest() {
-            push(Kind::Wait(EDGES[newest.edge].from), newest.sent, work.began);
+            push(
+                StretchKind::Wait(EDGES[newest.edge].from),
+                newest.sent,
+                work.began,
+            );
         }
-        let compute = Kind::Compute(work.output);
+        let compute = StretchKind::Compute(work.output);
         let plan = (work.awaited > 0)
             .then(|| self.imagination(episode, work.step.checked_sub(1)?))
             .flatten();
@@ -257,7 +261,7 @@ impl Reader<'_> {
             Some(plan) if !plan.questions.is_empty() => {
                 let (mut at, mut computed) = (work.began, 0);
                 let sent = plan.questions.iter().map(|(_, mark)| mark);
-                let last = Mark {
+                let last = SendMark {
                     sent: work.sent,
                     compute: work.compute,
                     cause: 0,
@@ -265,13 +269,17 @@ impl Reader<'_> {
                 for mark in sent.chain([&last]) {
                     let own = mark.compute.saturating_sub(computed);
                     let resumed = mark.sent.saturating_sub(own).max(at);
-                    push(Kind::AwaitAnswers, at, resumed);
+                    push(StretchKind::AwaitAnswers, at, resumed);
                     push(compute, resumed, mark.sent);
                     (at, computed) = (mark.sent.max(at), mark.compute);
                 }
             }
             Some(_) | None if work.awaited > 0 => {
-                push(Kind::AwaitAnswers, work.began, work.began + work.awaited);
+                push(
+                    StretchKind::AwaitAnswers,
+                    work.began,
+                    work.began + work.awaited,
+                );
                 push(compute, work.began + work.awaited, work.sent);
             }
             _ => push(compute, work.began, work.sent),
@@ -280,7 +288,7 @@ impl Reader<'_> {
     }
 
     /// What `output` of a step goes back to, as far as `from`: stretches in order, without gaps, clipped to start there.
-    pub fn path(&self, output: Topic, episode: u32, step: u32, from: u64) -> Vec<Stretch> {
+    pub fn path(&self, output: GraphTopic, episode: u32, step: u32, from: u64) -> Vec<Stretch> {
         let mut path = Vec::new();
         let (mut output, mut step) = (output, step);
         while let Some(work) = self.work(output, episode, step) {
@@ -305,7 +313,7 @@ impl Reader<'_> {
         if let Some(earliest) = path.last().copied().filter(|stretch| stretch.from > from) {
             path.push(Stretch {
                 process: earliest.process,
-                kind: Kind::Unknown,
+                kind: StretchKind::Unknown,
                 from,
                 to: earliest.from,
             });

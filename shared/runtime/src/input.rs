@@ -3,8 +3,8 @@
 use crate::arguments::ClockMode;
 use crate::error::PortError;
 use crate::output::Connect;
-use crate::service::{DEFAULT_BUFFER, Ipc, Sizes, open_topic, open_wake_event};
-use crate::shared::Shared;
+use crate::service::{DEFAULT_BUFFER, Ipc, TopicSizes, open_topic, open_wake_event};
+use crate::shared::SharedNode;
 use crate::transport::{RawSubscriber, Received};
 use core::cell::Cell;
 use core::marker::PhantomData;
@@ -142,14 +142,14 @@ pub struct Input<M: Message> {
     /// Whether the listener is to be emptied before the process next sleeps.
     is_notified: bool,
     senders: Vec<Sender>,
-    shared: Rc<Shared>,
+    shared: Rc<SharedNode>,
     created_ns: u64,
     message: PhantomData<M>,
 }
 
 impl<M: Message> Input<M> {
     pub(crate) fn new(
-        shared: &Rc<Shared>,
+        shared: &Rc<SharedNode>,
         topic: &'static str,
         options: InputOptions,
     ) -> Result<Self, PortError> {
@@ -157,7 +157,7 @@ impl<M: Message> Input<M> {
             topic: topic.to_owned(),
             reason,
         };
-        let sizes = Sizes::of::<M>(topic);
+        let sizes = TopicSizes::of::<M>(topic);
         let listener = if options.wakes {
             let listener = open_wake_event(&shared.node, topic)?
                 .listener_builder()

@@ -7,7 +7,7 @@ use crate::input::{Input, InputOptions, Receive, Source};
 use crate::instance::{self, CleanupReport, InstanceLock};
 use crate::output::{Output, Stamp};
 use crate::service::{open_topic, open_wake_event};
-use crate::shared::Shared;
+use crate::shared::SharedNode;
 use crate::signal;
 use crate::sleeper::{Sleeper, Woken};
 use crate::turn::Position;
@@ -35,7 +35,7 @@ pub struct Launcher {
     control: Output<Control>,
     progress: Output<Progress>,
     _services: Vec<Box<dyn Any>>,
-    shared: Rc<Shared>,
+    shared: Rc<SharedNode>,
     arguments: RunArguments,
     sleeper: Sleeper,
     // Last: it removes the instance's directory.
@@ -50,7 +50,7 @@ impl Launcher {
     /// [`NodeError`].
     pub fn open(lock: InstanceLock, run_id: u64, clock: ClockMode) -> Result<Self, NodeError> {
         let arguments = RunArguments::new(lock.root(), lock.instance(), run_id, clock)?;
-        let shared = Shared::open(&arguments)?;
+        let shared = SharedNode::open(&arguments)?;
         let reports = Input::new(&shared, topic::REPORT, InputOptions::new(Receive::InOrder))?;
         let control = Output::new(&shared, topic::CONTROL)?;
         let progress = Output::new(&shared, topic::PROGRESS)?;
@@ -339,9 +339,9 @@ pub fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-fn keep_open(shared: &Rc<Shared>) -> Result<Vec<Box<dyn Any>>, PortError> {
+fn keep_open(shared: &Rc<SharedNode>) -> Result<Vec<Box<dyn Any>>, PortError> {
     fn open<M: Message>(
-        shared: &Rc<Shared>,
+        shared: &Rc<SharedNode>,
         topic: &str,
         kept: &mut Vec<Box<dyn Any>>,
     ) -> Result<(), PortError> {

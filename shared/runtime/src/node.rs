@@ -8,7 +8,7 @@ use crate::error::{NodeError, PortError};
 use crate::imagine::{RequestClient, RequestServer};
 use crate::input::{Input, InputOptions, Receive};
 use crate::output::Output;
-use crate::shared::Shared;
+use crate::shared::SharedNode;
 use crate::signal;
 use crate::sleeper::Sleeper;
 use crate::timing::StageTimer;
@@ -27,7 +27,7 @@ const CATCH_UP_STEPS: u64 = 8;
 pub struct Node {
     pub(crate) report: Output<Report>,
     pub(crate) control: Input<Control>,
-    pub(crate) shared: Rc<Shared>,
+    pub(crate) shared: Rc<SharedNode>,
     pub(crate) arguments: RunArguments,
     pub(crate) launcher: RawFd,
     pub(crate) sleeper: Sleeper,
@@ -57,7 +57,7 @@ impl Node {
         } else {
             -1
         };
-        let shared = Shared::open(arguments)?;
+        let shared = SharedNode::open(arguments)?;
         let control = Input::new(&shared, topic::CONTROL, InputOptions::new(Receive::InOrder))?;
         let report = Output::new(&shared, topic::REPORT)?;
         // The launcher's words are no business of the run's losses.

@@ -8,7 +8,7 @@ use crate::instance;
 use crate::launcher::process_descriptor;
 use crate::output::{Output, Stamp};
 use crate::poll::Poll;
-use crate::shared::Shared;
+use crate::shared::SharedNode;
 use crate::signal;
 use messages::{Control, ControlCommand, Message, topic};
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -32,7 +32,7 @@ pub enum ObserverWake {
 pub struct Observer {
     // Before the node they belong to.
     control: Option<Output<Control>>,
-    shared: Option<Rc<Shared>>,
+    shared: Option<Rc<SharedNode>>,
     launcher: OwnedFd,
     launcher_pid: u32,
     poll: Poll,
@@ -73,8 +73,13 @@ impl Observer {
         })
     }
 
-    fn open(root: &Path, instance: &str, name: &str, run_id: u64) -> Result<Rc<Shared>, NodeError> {
-        Shared::open(&RunArguments {
+    fn open(
+        root: &Path,
+        instance: &str,
+        name: &str,
+        run_id: u64,
+    ) -> Result<Rc<SharedNode>, NodeError> {
+        SharedNode::open(&RunArguments {
             process: name.to_owned(),
             ..RunArguments::new(root, instance, run_id, ClockMode::Lockstep)?
         })

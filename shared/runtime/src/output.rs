@@ -3,8 +3,8 @@
 use crate::alloc_count::in_transport;
 use crate::clock::now_ns;
 use crate::error::PortError;
-use crate::service::{Ipc, Sizes, open_topic, open_wake_event};
-use crate::shared::Shared;
+use crate::service::{Ipc, TopicSizes, open_topic, open_wake_event};
+use crate::shared::SharedNode;
 use crate::transport::{RawLoan, RawPublisher};
 use crate::turn::Position;
 use core::cell::{Cell, RefCell};
@@ -84,7 +84,7 @@ struct Core<M: Message> {
     gated: bool,
     /// Written while the process had to be silent.
     held: RefCell<VecDeque<Held>>,
-    shared: Weak<Shared>,
+    shared: Weak<SharedNode>,
     message: PhantomData<M>,
 }
 
@@ -153,16 +153,16 @@ impl<M: Message> Connect for Core<M> {
 pub struct Output<M: Message> {
     topic: &'static str,
     core: Rc<Core<M>>,
-    shared: Rc<Shared>,
+    shared: Rc<SharedNode>,
 }
 
 impl<M: Message> Output<M> {
-    pub(crate) fn new(shared: &Rc<Shared>, topic: &'static str) -> Result<Self, PortError> {
+    pub(crate) fn new(shared: &Rc<SharedNode>, topic: &'static str) -> Result<Self, PortError> {
         let create = |reason: String| PortError::Create {
             topic: topic.to_owned(),
             reason,
         };
-        let Sizes { slots, gated, .. } = Sizes::of::<M>(topic);
+        let TopicSizes { slots, gated, .. } = TopicSizes::of::<M>(topic);
         let service = open_topic::<M>(&shared.node, topic)?;
         // A service's arithmetic would reserve the recorder's buffer for everybody; see `Sizes`.
         let publisher = RawPublisher::create(&service, MOST_HELD + 4, slots).map_err(create)?;

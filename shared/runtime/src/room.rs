@@ -2,7 +2,7 @@
 
 use crate::error::InstanceError;
 use crate::private::SHARED_MEMORY;
-use crate::service::{DEFAULT_BUFFER, HISTORY, Sizes};
+use crate::service::{DEFAULT_BUFFER, HISTORY, TopicSizes};
 use messages::{Message, topic};
 use rustix::fs::{Access, StatVfsMountFlags};
 use std::path::Path;
@@ -67,7 +67,7 @@ pub fn shared_memory_needed(is_gridworld: bool, plans: bool) -> u64 {
 /// What a publisher of a topic uses: the history, a usual buffer, and a message in hand; of bulk, the two halves of a
 /// question for each of two that ask, and as many in hand.
 fn used<M: Message>(topic: &str) -> u64 {
-    let sizes = Sizes::of::<M>(topic);
+    let sizes = TopicSizes::of::<M>(topic);
     let messages = match sizes.history {
         0 => 2 * sizes.borrowed,
         _ => HISTORY + DEFAULT_BUFFER + 1,

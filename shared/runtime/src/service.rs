@@ -29,7 +29,7 @@ const LAYOUT_KEY: &str = "mirror.layout";
 
 /// The sizes of a topic's service: the same in every process, because they follow from topic and message alone.
 #[derive(Clone, Copy)]
-pub(crate) struct Sizes {
+pub(crate) struct TopicSizes {
     /// Largest buffer that an input may have.
     pub(crate) buffer: usize,
     pub(crate) subscribers: usize,
@@ -42,7 +42,7 @@ pub(crate) struct Sizes {
     pub(crate) gated: bool,
 }
 
-impl Sizes {
+impl TopicSizes {
     pub(crate) fn of<M: Message>(topic: &str) -> Self {
         Self::of_size(size_of::<M>(), topic)
     }
@@ -132,7 +132,7 @@ pub(crate) fn open_topic<M: Message>(
     open(
         node,
         topic,
-        Sizes::of::<M>(topic),
+        TopicSizes::of::<M>(topic),
         PayloadType::of::<M>(),
         M::layout_text(),
     )
@@ -141,7 +141,7 @@ pub(crate) fn open_topic<M: Message>(
 fn open(
     node: &iceoryx2::node::Node<Ipc>,
     topic: &str,
-    sizes: Sizes,
+    sizes: TopicSizes,
     payload: PayloadType,
     layout: String,
 ) -> Result<Topic, PortError> {

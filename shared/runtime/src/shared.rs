@@ -13,7 +13,7 @@ use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
 use std::rc::{Rc, Weak};
 
 /// What a node and its ports have in common.
-pub(crate) struct Shared {
+pub(crate) struct SharedNode {
     pub(crate) node: iceoryx2::node::Node<Ipc>,
     pub(crate) run_id: u64,
     /// When the launcher started the run; 0 before.
@@ -28,7 +28,7 @@ pub(crate) struct Shared {
     pub(crate) turn: Turn,
 }
 
-impl Shared {
+impl SharedNode {
     pub(crate) fn open(arguments: &RunArguments) -> Result<Rc<Self>, NodeError> {
         signal::install()?;
         let failed = |reason: String| NodeError::Join {

@@ -7,7 +7,7 @@ use messages::{
 };
 use models::self_model::Sizes;
 use models::{Implants, SelfHuman, SelfModel};
-use planner::{Options, PlannerMethod};
+use planner::{PlannerMethod, PlannerOptions};
 use planning::Settings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -38,8 +38,8 @@ pub fn human() -> SelfHuman {
 }
 
 /// A small planner whose costs leave room for decisions either way.
-pub fn options() -> Options {
-    Options {
+pub fn options() -> PlannerOptions {
+    PlannerOptions {
         method: PlannerMethod::Ce,
         model: None,
         settings: Settings {
@@ -133,7 +133,11 @@ impl Set {
         Self::start_with(clock, &["belief", "human", "planner"], options())
     }
 
-    pub fn start_with(clock: ClockMode, processes: &[&'static str], options: Options) -> Self {
+    pub fn start_with(
+        clock: ClockMode,
+        processes: &[&'static str],
+        options: PlannerOptions,
+    ) -> Self {
         let root = tempfile::Builder::new()
             .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
             .tempdir_in("/tmp")

@@ -2,7 +2,7 @@ use super::*;
 use crate::metrics::{self, Samples};
 use messages::Header;
 
-fn add(table: &mut Table, topic: Topic, step: u32, sent_ns: u64, compute_ns: u64) {
+fn add(table: &mut StepTable, topic: GraphTopic, step: u32, sent_ns: u64, compute_ns: u64) {
     let header = Header {
         step,
         sent_ns,
@@ -11,18 +11,18 @@ fn add(table: &mut Table, topic: Topic, step: u32, sent_ns: u64, compute_ns: u64
         ..Header::default()
     };
     match topic {
-        Topic::Decision => table.add_decision(&header, false),
+        GraphTopic::Decision => table.add_decision(&header, false),
         _ => table.add(topic, &header),
     }
 }
 
 /// Frame 0 at 100, display at 130 (10), action at 200 (50, of which 5 before the display came), frame 1 at 260 (40).
-fn two_steps() -> Table {
-    let mut table = Table::default();
-    add(&mut table, Topic::Lidar, 0, 100, 20);
-    add(&mut table, Topic::Display, 0, 130, 10);
-    add(&mut table, Topic::Action, 0, 200, 50);
-    add(&mut table, Topic::Lidar, 1, 260, 40);
+fn two_steps() -> StepTable {
+    let mut table = StepTable::default();
+    add(&mut table, GraphTopic::Lidar, 0, 100, 20);
+    add(&mut table, GraphTopic::Display, 0, 130, 10);
+    add(&mut table, GraphTopic::Action, 0, 200, 50);
+    add(&mut table, GraphTopic::Lidar, 1, 260, 40);
     table
 }
 
@@ -31,19 +31,19 @@ const LOCKSTEP: ClockMode = ClockMode::Lockstep;
 #[test]
 fn a_message_waits_from_its_sending_until_the_receiver_begins() {
     let table = two_steps();
-    let reader = Reader {
+    let reader = StepReader {
         table: &table,
         clock: LOCKSTEP,
     };
-    let display = reader.work(Topic::Display, 0, 0).unwrap();
+    let display = reader.work(GraphTopic::Display, 0, 0).unwrap();
     assert_eq!(
         (display.began, display.sent, display.clamped),
         (120, 130, false)
     );
-    let action = reader.work(Topic::Action, 0, 0).unwrap();
+    let action = reader.work(GraphTopic::Action, 0, 0).unwrap();
     assert_eq!(action.began, 150);
     let newest = action.newest().unwrap();
-    assert_eq!(EDGES[newest.edge].from, Topic::Display);
+    assert_eq!(EDGES[newest.edge].from, GraphTopic::Display);
     let samples = Samples::new(&reader);
     assert_eq!(samples.of("hop comm/display → driver"), [20]);
     assert_eq!(samples.of("wait world/lidar → driver"), [50]);
@@ -56,11 +56,11 @@ fn a_message_waits_from_its_sending_until_the_receiver_begins() {
 #[test]
 fn the_critical_path_has_no_gaps_and_adds_up_to_the_tick() {
     let table = two_steps();
-    let reader = Reader {
+    let reader = StepReader {
         table: &table,
         clock: LOCKSTEP,
     };
-    let path = reader.path(Topic::Lidar, 0, 1, 100);
+    let path = reader.path(GraphTopic::Lidar, 0, 1, 100);
     let ends: Vec<_> = path.iter().map(|s| (s.process, s.from, s.to)).collect();
     assert_eq!(
         ends,
@@ -80,30 +80,30 @@ fn the_critical_path_has_no_gaps_and_adds_up_to_the_tick() {
 
 #[test]
 fn a_missing_message_is_said_to_be_unknown() {
-    let mut table = Table::default();
-    add(&mut table, Topic::Lidar, 0, 100, 20);
-    add(&mut table, Topic::Lidar, 1, 260, 40);
-    let reader = Reader {
+    let mut table = StepTable::default();
+    add(&mut table, GraphTopic::Lidar, 0, 100, 20);
+    add(&mut table, GraphTopic::Lidar, 1, 260, 40);
+    let reader = StepReader {
         table: &table,
         clock: LOCKSTEP,
     };
-    let path = reader.path(Topic::Lidar, 0, 1, 100);
-    assert_eq!(path[0].kind, Kind::Unknown);
+    let path = reader.path(GraphTopic::Lidar, 0, 1, 100);
+    assert_eq!(path[0].kind, StretchKind::Unknown);
     assert_eq!((path[0].from, path[0].to), (100, 220));
 }
 
 #[test]
 fn computing_before_the_newest_input_clamps_the_wait() {
-    let mut table = Table::default();
-    add(&mut table, Topic::Lidar, 0, 100, 20);
+    let mut table = StepTable::default();
+    add(&mut table, GraphTopic::Lidar, 0, 100, 20);
     // It looked at the frame for 30, waited for the display, and computed 40 more.
-    add(&mut table, Topic::Display, 0, 150, 10);
-    add(&mut table, Topic::Action, 0, 195, 70);
-    let reader = Reader {
+    add(&mut table, GraphTopic::Display, 0, 150, 10);
+    add(&mut table, GraphTopic::Action, 0, 195, 70);
+    let reader = StepReader {
         table: &table,
         clock: LOCKSTEP,
     };
-    let action = reader.work(Topic::Action, 0, 0).unwrap();
+    let action = reader.work(GraphTopic::Action, 0, 0).unwrap();
     assert!(action.clamped);
     assert_eq!(action.began, 150);
     assert_eq!(
@@ -114,10 +114,10 @@ fn computing_before_the_newest_input_clamps_the_wait() {
 
 #[test]
 fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
-    let mut table = Table::default();
-    add(&mut table, Topic::RobotBelief, 0, 1_000, 10);
-    add(&mut table, Topic::HumanBelief, 0, 1_010, 10);
-    let imagined = |table: &mut Table, sent_ns, compute_ns, is_answer| {
+    let mut table = StepTable::default();
+    add(&mut table, GraphTopic::RobotBelief, 0, 1_000, 10);
+    add(&mut table, GraphTopic::HumanBelief, 0, 1_010, 10);
+    let imagined = |table: &mut StepTable, sent_ns, compute_ns, is_answer| {
         let header = Header {
             sent_ns,
             compute_ns,
@@ -138,7 +138,7 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
     };
     table.add_decision(&decided, true);
     // The human model's next step: 15 beyond its answers.
-    add(&mut table, Topic::HumanBelief, 1, 1_300, 95);
+    add(&mut table, GraphTopic::HumanBelief, 1, 1_300, 95);
     // A last plan of this episode, answered before the next one's first step: 30 beyond its answer.
     let last = Header {
         step: 1,
@@ -153,17 +153,17 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
         compute_ns: 90,
         ..Header::default()
     };
-    table.add(Topic::HumanBelief, &first);
-    let reader = Reader {
+    table.add(GraphTopic::HumanBelief, &first);
+    let reader = StepReader {
         table: &table,
         clock: LOCKSTEP,
     };
-    let work = reader.work(Topic::Decision, 0, 1).unwrap();
+    let work = reader.work(GraphTopic::Decision, 0, 1).unwrap();
     assert_eq!((work.began, work.awaited), (1_020, 110));
     let stretches = reader.stretches(0, &work);
     let waited: u64 = stretches
         .iter()
-        .filter(|stretch| stretch.kind == Kind::AwaitAnswers)
+        .filter(|stretch| stretch.kind == StretchKind::AwaitAnswers)
         .map(|stretch| stretch.to - stretch.from)
         .sum();
     assert_eq!(waited, 110);
@@ -177,23 +177,23 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
 
 #[test]
 fn in_real_time_the_newest_input_that_was_there_counts() {
-    let mut table = Table::default();
-    add(&mut table, Topic::Lidar, 0, 100, 20);
-    add(&mut table, Topic::Action, 0, 150, 20);
-    add(&mut table, Topic::Lidar, 1, 200, 20);
+    let mut table = StepTable::default();
+    add(&mut table, GraphTopic::Lidar, 0, 100, 20);
+    add(&mut table, GraphTopic::Action, 0, 150, 20);
+    add(&mut table, GraphTopic::Lidar, 1, 200, 20);
     // Came after the belief of step 2 had begun.
-    add(&mut table, Topic::Action, 1, 290, 20);
-    add(&mut table, Topic::Lidar, 2, 250, 20);
-    add(&mut table, Topic::RobotBelief, 2, 300, 30);
-    let reader = Reader {
+    add(&mut table, GraphTopic::Action, 1, 290, 20);
+    add(&mut table, GraphTopic::Lidar, 2, 250, 20);
+    add(&mut table, GraphTopic::RobotBelief, 2, 300, 30);
+    let reader = StepReader {
         table: &table,
         clock: ClockMode::RealTime,
     };
-    let work = reader.work(Topic::RobotBelief, 0, 2).unwrap();
+    let work = reader.work(GraphTopic::RobotBelief, 0, 2).unwrap();
     let action = work
         .inputs
         .iter()
-        .find(|used| EDGES[used.edge].from == Topic::Action);
+        .find(|used| EDGES[used.edge].from == GraphTopic::Action);
     assert_eq!(action.unwrap().step, 0);
     assert_eq!((work.began, work.clamped), (270, false));
 }
