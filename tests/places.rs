@@ -79,7 +79,7 @@ fn assert_untouched(home: &Path) {
 }
 
 /// Every command that looks into the run directory.
-const COMMANDS: [&[&str]; 5] = [
+const COMMANDS: [&[&str]; 6] = [
     &[
         "up",
         "--planner",
@@ -95,6 +95,7 @@ const COMMANDS: [&[&str]; 5] = [
     &["profile", "--attach", "lab"],
     &["doctor"],
     &["doctor", "--clean"],
+    &["ls"],
 ];
 
 #[test]

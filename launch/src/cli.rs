@@ -1,19 +1,25 @@
 //! The command line.
 
 mod evaluate;
+mod examples;
+mod offered;
 
 pub use evaluate::*;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
+use clap_complete::Shell;
 use planner::PlannerMethod;
 use std::path::PathBuf;
+
+/// The scene of `mirror up` where none is named.
+pub const DEFAULT_SCENE: &str = "highway-fog";
 
 /// The way from a user's own rounds to their own human model.
 const OWN_MODELS: &str = "\
 From rounds of your own to a human model of your own:
   1. Rounds: examples/python/rounds.py turns a table of your rounds into a file of demonstrations (or: mirror demos).
   2. Implants, bc or sqil learned from them: mirror train human --demos ROUNDS --out LEARNED
-  3. In the set: mirror up --learned LEARNED, or while it runs: mirror swap human KIND --implants LEARNED
+  3. In the set: mirror up --implants LEARNED, or while it runs: mirror swap human KIND --implants LEARNED
   4. A model of your own: implement models::HumanModel (Rust; the suite to pass: shared/models/tests/conformance.rs),
      or start from examples/python/human_model.py and run it by --exec human=COMMAND. README: \"Your own rounds, your own model\".";
 
@@ -22,7 +28,12 @@ From rounds of your own to a human model of your own:
 /// It runs as seven processes that exchange messages through shared memory: the world, the driver (a simulated person),
 /// the robot's belief, the model of the person, the planner, the renderer and the recorder. `mirror up` starts them all.
 #[derive(Debug, Parser)]
-#[command(name = "mirror", version, max_term_width = 110, after_help = OWN_MODELS)]
+#[command(
+    name = "mirror",
+    version,
+    max_term_width = 110,
+    after_help = format!("{}\n\n{OWN_MODELS}", examples::TOP)
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -45,24 +56,46 @@ pub struct Cli {
 #[allow(clippy::large_enum_variant)]
 pub enum Command {
     /// Start the process set, drive some episodes, and print what was communicated and a summary
+    #[command(after_help = examples::UP)]
     Up(UpArguments),
     /// Feed a recorded drive to belief, human model and planner again: the same decisions, or those of another model
+    #[command(after_help = examples::REPLAY)]
     Replay(ReplayArguments),
     /// Measure where the time goes in a set of processes: one started for this, or one that runs
+    #[command(after_help = examples::PROFILE)]
     Profile(ProfileArguments),
     /// Record rounds that a simulated person lives without communication
+    #[command(after_help = examples::DEMOS)]
     Demos(DemosArguments),
     /// Learn a model
-    #[command(subcommand)]
+    #[command(subcommand, after_help = examples::TRAIN)]
     Train(Train),
     /// Repeat the paper's studies with simulated people
-    #[command(subcommand)]
+    #[command(subcommand, after_help = examples::EVALUATE)]
     Evaluate(Evaluate),
     /// Replace a process of a running set: the new one takes over at a step border
+    #[command(after_help = examples::SWAP)]
     Swap(SwapArguments),
+    /// List the process sets that run: what each is, how far, and its processes
+    #[command(after_help = examples::LS)]
+    Ls(ListArguments),
+    /// List the scenes that ship: domain, what it is, and how far people see in it
+    #[command(after_help = examples::SCENES)]
+    Scenes(ListArguments),
+    /// List the simulated people that ship: what they see and how they decide
+    #[command(after_help = examples::PEOPLE)]
+    People(PeopleArguments),
+    /// Print a script with which a shell completes commands, options, names and files
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(CompletionsArguments),
+    /// Print the manual page, or write one for every command
+    #[command(after_help = examples::MAN)]
+    Man(ManArguments),
     /// Write the messages' ROS 2 definitions, for programs that read recordings
+    #[command(after_help = examples::MESSAGES)]
     Messages(MessagesArguments),
     /// Show what is running, what a dead run left, whether this machine's limits suffice, and whether it keeps up in real time
+    #[command(after_help = examples::DOCTOR)]
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
     #[command(hide = true)]
@@ -76,9 +109,9 @@ pub enum Command {
 /// Options of `mirror up`.
 #[derive(Args, Debug)]
 pub struct UpArguments {
-    /// Where to drive: a scene that ships (highway-fog, highway-clear; of the gridworlds driving-fog, driving, search-smoke,
-    /// search, bomb), a scene file (.toml), or recorded traffic from a CommonRoad scenario (.xml)
-    #[arg(long, value_name = "NAME|FILE", default_value = "highway-fog")]
+    /// Where to drive: a scene that ships (`mirror scenes` lists them), a scene file (.toml), or recorded traffic from a
+    /// CommonRoad scenario (.xml)
+    #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_SCENE, value_parser = offered::scenes(), hide_possible_values = true)]
     pub scene: String,
     /// Highway: fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
@@ -86,7 +119,7 @@ pub struct UpArguments {
     /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
     /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning), `sqil`
     /// (soft-Q imitation); in a gridworld also `ideal`, the simulated person's own model
-    #[arg(long, value_name = "KIND", default_value = "mirror")]
+    #[arg(long, value_name = "KIND", default_value = "mirror", value_parser = offered::humans(), hide_possible_values = true)]
     pub human: String,
     /// How to decide what to communicate
     #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Ce)]
@@ -96,7 +129,9 @@ pub struct UpArguments {
     #[arg(
         long,
         value_name = "sim:ID|sim:FILE|recorded:ID",
-        default_value = "sim:1"
+        default_value = "sim:1",
+        value_parser = offered::drivers(),
+        hide_possible_values = true
     )]
     pub driver: String,
     /// How many episodes to drive
@@ -118,14 +153,14 @@ pub struct UpArguments {
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
     /// Run another program as one of the processes; it gets the path of its arguments (a JSON file) as its last argument
-    #[arg(long, value_name = "PROCESS=COMMAND")]
+    #[arg(long, value_name = "PROCESS=COMMAND", value_hint = ValueHint::Other)]
     pub exec: Vec<String>,
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc` or
     /// `sqil` [default: learned at the start from six rounds without communication; in a gridworld, one of each scenario]
-    #[arg(long, visible_alias = "learned", value_name = "FILE.safetensors")]
+    #[arg(long, alias = "learned", value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
@@ -157,7 +192,7 @@ pub struct ReplayArguments {
     #[arg(value_name = "FILE.mcap")]
     pub recording: PathBuf,
     /// Ask this human model instead of the recorded one
-    #[arg(long, value_name = "KIND")]
+    #[arg(long, value_name = "KIND", value_parser = offered::humans(), hide_possible_values = true)]
     pub human: Option<String>,
     /// Decide in this way instead of the recorded one
     #[arg(long, value_name = "KIND", value_enum)]
@@ -190,7 +225,7 @@ pub struct ProfileArguments {
     ])]
     pub attach: Option<String>,
     /// Folder for profile.json, profile.hlog (HdrHistogram) and trace.json (Perfetto)
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: Option<PathBuf>,
     /// Say what became slower or faster since this older profile.json
     #[arg(long, value_name = "FILE")]
@@ -223,11 +258,46 @@ pub enum Clock {
     Realtime,
 }
 
+/// Options of `mirror scenes` and `mirror ls`.
+#[derive(Args, Debug)]
+pub struct ListArguments {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `mirror people`.
+#[derive(Args, Debug)]
+pub struct PeopleArguments {
+    /// Only those of this domain
+    #[arg(long, value_enum)]
+    pub domain: Option<Domain>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `mirror completions`.
+#[derive(Args, Debug)]
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: Shell,
+}
+
+/// Options of `mirror man`.
+#[derive(Args, Debug)]
+pub struct ManArguments {
+    /// Folder for the pages of all commands, mirror.1, mirror-up.1 and so on; made if it is not there
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: Option<PathBuf>,
+}
+
 /// Options of `mirror messages`.
 #[derive(Args, Debug)]
 pub struct MessagesArguments {
     /// Folder for the package `mirror_msgs`: package.xml, CMakeLists.txt, msg/*.msg; made if it is not there
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
 }
 
@@ -243,15 +313,16 @@ pub struct DoctorArguments {
 #[derive(Args, Debug)]
 pub struct SwapArguments {
     /// The process to replace: world, driver, belief, human, planner, renderer or recorder
+    #[arg(value_parser = offered::processes(), hide_possible_values = true)]
     pub process: String,
     /// What to replace it by: a kind of human model or planner, a driver (sim:ID), or `same` for another of the same kind
-    #[arg(required_unless_present = "exec")]
+    #[arg(required_unless_present = "exec", value_parser = offered::kinds(), hide_possible_values = true)]
     pub kind: Option<String>,
     /// The running set [default: the only one that runs]
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
     /// Replace it by another program; it gets the path of its arguments (a JSON file) as its last argument
-    #[arg(long, value_name = "COMMAND")]
+    #[arg(long, value_name = "COMMAND", value_hint = ValueHint::CommandString)]
     pub exec: Option<String>,
     /// What the new human model learned of this person [default: learned now]
     #[arg(long, value_name = "FILE.safetensors")]
@@ -288,9 +359,10 @@ pub struct ExecGuardArguments {
 pub enum Train {
     /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway, minutes
     /// for a gridworld)
-    #[command(name = "self")]
+    #[command(name = "self", after_help = examples::TRAIN_SELF)]
     Myself(TrainSelfArguments),
     /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is (seconds)
+    #[command(after_help = examples::TRAIN_HUMAN)]
     Human(TrainHumanArguments),
 }
 
@@ -310,6 +382,14 @@ pub enum Domain {
 }
 
 impl Domain {
+    /// Its name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self.gridworld() {
+            None => "highway",
+            Some(domain) => domain.name(),
+        }
+    }
+
     /// The gridworld that it is; none for the highway.
     pub fn gridworld(self) -> Option<domains::discrete::Domain> {
         match self {
@@ -337,7 +417,7 @@ pub struct DemosArguments {
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
     /// The simulated person: 1 to 21 on the highway, 1 to 10 in a gridworld, or a person's file
-    #[arg(long, value_name = "ID|FILE.toml")]
+    #[arg(long, value_name = "ID|FILE.toml", value_parser = offered::people(), hide_possible_values = true)]
     pub person: String,
     /// What the person could see
     #[arg(long, value_enum, default_value_t = Setting::Transfer)]
@@ -365,7 +445,7 @@ fn rounds(text: &str) -> Result<usize, String> {
 pub struct TrainHumanArguments {
     /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these rounds
     /// (on the highway, and an expert's in clear weather), by likelihood (`bc`) or by soft-Q imitation (`sqil`)
-    #[arg(long, value_name = "KIND", default_value = "mirror")]
+    #[arg(long, value_name = "KIND", default_value = "mirror", value_parser = offered::learners(), hide_possible_values = true)]
     pub kind: String,
     /// The domain
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
@@ -376,7 +456,7 @@ pub struct TrainHumanArguments {
     /// In a gridworld, rounds of the same person in the original setting, from which `bc` and `sqil` learn too
     #[arg(long, value_name = "FILE.safetensors")]
     pub original: Option<PathBuf>,
-    /// Where to write what was learned, for `mirror up --learned`
+    /// Where to write what was learned, for `mirror up --implants`
     #[arg(long, value_name = "FILE.safetensors")]
     pub out: PathBuf,
     /// The robot's self-model [default: the one that ships]

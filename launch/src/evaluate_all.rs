@@ -52,6 +52,9 @@ pub fn all(arguments: &EvaluateAllArguments) -> Result<ExitCode, Failure> {
             let file = folder.join(format!("{model}.safetensors"));
             words.extend(["--self-model".into(), file.into()]);
         }
+        if let (Some(data), "real") = (&arguments.data, study) {
+            words.extend(["--data".into(), data.into()]);
+        }
         if arguments.quick {
             words.push("--quick".into());
         }

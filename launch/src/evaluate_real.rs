@@ -7,15 +7,17 @@ use crate::failure::Failure;
 use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
+use anyhow::Context;
+use domains::commonroad::shipped;
 use experiments::real::{MODELS, Report, Rule, Study, run};
 use experiments::results::{with_interval, write_section};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-/// Where the recordings lie if nobody says otherwise, seen from where the program was started.
-const DATA: &str = "../shared/data/commonroad";
+/// The recorded scene that is studied if nobody says otherwise.
+const DATA: &str = "highway-recorded";
 /// Splits of the quick form.
 const QUICK_SPLITS: u32 = 2;
 
@@ -29,10 +31,10 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
         false => arguments.splits,
     };
     let study = Study {
-        data: arguments
-            .data
-            .clone()
-            .unwrap_or_else(|| PathBuf::from(DATA)),
+        data: match &arguments.data {
+            Some(data) => data.clone(),
+            None => shipped::path(DATA).context("the recorded scene that ships")?,
+        },
         splits: u64::from(splits),
         seed: arguments.seed,
         fog_m: arguments.fog,

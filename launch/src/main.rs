@@ -1,6 +1,7 @@
 //! The `mirror` command: starts and watches the process set, and holds every process behind `mirror process <name>`.
 
 mod cli;
+mod columns;
 mod console;
 mod doctor;
 mod evaluate;
@@ -13,12 +14,16 @@ mod inputs;
 mod keeps_up;
 mod learn;
 mod learned;
+mod ls;
+mod manual;
 mod messages_package;
 mod own;
+mod people;
 mod place;
 mod process;
 mod profile;
 mod replay;
+mod scenes;
 mod screen;
 mod suspend;
 mod swap;
@@ -65,6 +70,11 @@ fn main() -> ExitCode {
         Command::Swap(arguments) => swap::swap(&arguments),
         Command::Replay(arguments) => replay::replay(&arguments),
         Command::Profile(arguments) => profile::profile(&arguments),
+        Command::Ls(arguments) => ls::ls(&arguments),
+        Command::Scenes(arguments) => scenes::scenes(&arguments),
+        Command::People(arguments) => people::people(&arguments),
+        Command::Completions(arguments) => manual::completions(&arguments),
+        Command::Man(arguments) => manual::man(&arguments),
         Command::Messages(arguments) => messages_package::write(&arguments),
         Command::Doctor(arguments) => doctor::doctor(&arguments),
         Command::Demos(arguments) => learn::demos(&arguments),

@@ -73,6 +73,13 @@ impl ItemNames {
     }
 }
 
+/// Names of the scenes that ship: the highway's, the recorded one, then the gridworlds'.
+pub fn shipped_scenes() -> impl Iterator<Item = &'static str> {
+    Scene::names()
+        .chain(commonroad::shipped::names())
+        .chain(discrete::Scene::names())
+}
+
 impl NamedScene {
     /// The gridworld's scene, if it is one.
     pub fn gridworld(&self) -> Option<&discrete::Scene> {
@@ -220,13 +227,20 @@ fn highway_scene(text: &str, fog_m: Option<f64>, driving: &Driving) -> Result<Na
         Driving::Simulated(_) => None,
         Driving::Recorded(car) => Some(*car),
     };
-    let path = Path::new(text);
+    let shipped = match Path::new(text).exists() {
+        true => None,
+        false => commonroad::shipped::path(text),
+    };
+    let path = shipped.as_deref().unwrap_or(Path::new(text));
     let extension = path
         .extension()
         .and_then(|extension| extension.to_str())
         .unwrap_or_default();
     if extension.eq_ignore_ascii_case("xml") {
-        let scene = commonroad::Scenario::read(path)?.scene(fog_m, seat)?;
+        let mut scene = commonroad::Scenario::read(path)?.scene(fog_m, seat)?;
+        if shipped.is_some() {
+            text.clone_into(&mut scene.name);
+        }
         scene.check(path)?;
         return Ok(NamedScene {
             name: scene.name.clone(),

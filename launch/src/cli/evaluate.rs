@@ -1,7 +1,7 @@
 //! The command line of `mirror evaluate`.
 
-use super::{Domain, Setting, rounds};
-use clap::{Args, Subcommand};
+use super::{Domain, Setting, examples, rounds};
+use clap::{Args, Subcommand, ValueHint};
 use std::path::PathBuf;
 
 /// Which study.
@@ -10,16 +10,22 @@ use std::path::PathBuf;
 #[allow(clippy::large_enum_variant)]
 pub enum Evaluate {
     /// How well models of people in a gridworld predict what they do, against the number of rounds learned from
+    #[command(after_help = examples::FIT)]
     Fit(EvaluateFitArguments),
     /// What assistants with different models of people in a gridworld earn for them, and how much they say for it
+    #[command(after_help = examples::COMMUNICATE)]
     Communicate(EvaluateCommunicateArguments),
     /// Collisions and communication on the highway, in clear weather and in fog, with and without an assistant
+    #[command(after_help = examples::DRIVE)]
     Drive(EvaluateDriveArguments),
     /// How well human models predict recorded drivers, against the number of drivers that they learned from
+    #[command(after_help = examples::REAL)]
     Real(EvaluateRealArguments),
     /// What was learned of people's sight, against the truth
+    #[command(after_help = examples::IMPLANTS)]
     Implants(EvaluateImplantsArguments),
     /// Every study, one after the other, and the time of each
+    #[command(after_help = examples::ALL)]
     All(EvaluateAllArguments),
 }
 
@@ -30,7 +36,7 @@ pub struct StudyFiles {
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// Folder for tables and plots; a study that was stopped goes on from what it finds there
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
     /// The file whose section of this study is written [default: RESULTS.md in the folder]
     #[arg(long, value_name = "FILE.md")]
@@ -96,14 +102,17 @@ pub struct EvaluateCommunicateArguments {
 #[derive(Args, Debug)]
 pub struct EvaluateAllArguments {
     /// Folder for tables and plots; what was stopped goes on from what it finds there
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
     /// The file whose sections are written [default: RESULTS.md in the folder]
     #[arg(long, value_name = "FILE.md")]
     pub results: Option<PathBuf>,
     /// Folder of other self-models than those that ship, under the same names
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub self_models: Option<PathBuf>,
+    /// Recorded drivers for `mirror evaluate real`: a CommonRoad scenario (.xml), or a folder of them
+    #[arg(long, value_name = "FILE.xml|DIR")]
+    pub data: Option<PathBuf>,
     /// The quick form of every study: minutes, to see that it runs
     #[arg(long)]
     pub quick: bool,
@@ -179,9 +188,9 @@ pub struct EvaluateImplantsArguments {
 /// Options of `mirror evaluate real`.
 #[derive(Args, Debug)]
 pub struct EvaluateRealArguments {
-    /// Folder of CommonRoad scenarios (.xml); every moving vehicle in them is a driver [default:
-    /// ../shared/data/commonroad]
-    #[arg(long, value_name = "DIR")]
+    /// CommonRoad scenario (.xml), or a folder of them, of which <https://commonroad.in.tum.de/scenarios> has many; every moving
+    /// vehicle is a driver [default: highway-recorded, the scene that ships, whose drivers are simulated]
+    #[arg(long, value_name = "FILE.xml|DIR")]
     pub data: Option<PathBuf>,
     /// Splits of the drivers into two thirds to learn from and one third to test
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]

@@ -35,6 +35,16 @@ impl GroupActivity {
         all
     }
 
+    /// Of one process, without those that it started; none if there is none of that number.
+    pub fn of_process(process: u32) -> Option<Self> {
+        let stat = Stat::read(&format!("/proc/{process}/stat"))?;
+        Some(Self {
+            is_stopped: matches!(stat.state, 'T' | 't'),
+            is_running: matches!(stat.state, 'R' | 'D'),
+            ticks: stat.ticks,
+        })
+    }
+
     /// Whether it computes, by what was seen of it `before`: a process that is stopped, or sleeps without having used the
     /// processor, does not.
     pub fn computes_since(&self, before: &Self) -> bool {
@@ -127,6 +137,8 @@ mod tests {
         busy.signal(libc::SIGSTOP);
         let stopped = busy.wait_until(|activity| activity.is_stopped && !activity.is_running);
         assert!(!stopped.computes_since(&before), "whatever it did before");
+        let stopped = Activity::of_process(busy.0.id()).unwrap();
+        assert!(stopped.is_stopped && !stopped.is_running);
 
         let idle = Shell::start("exec sleep 1000");
         let asleep = idle.wait_until(|activity| !activity.is_running);

@@ -259,6 +259,39 @@ pub fn ask(
     }
 }
 
+/// Asks a set that may not answer: one that is suspended, has no socket yet, or was not started by `mirror up`. None if it
+/// has not answered within `patience`.
+pub fn ask_within(
+    directory: &Path,
+    question: &Question,
+    patience: Duration,
+) -> Option<serde_json::Value> {
+    let deadline = Instant::now() + patience;
+    let mut stream = UnixStream::connect(path(directory)).ok()?;
+    let text = serde_json::to_string(question).ok()? + "\n";
+    stream.set_write_timeout(Some(patience)).ok()?;
+    stream.write_all(text.as_bytes()).ok()?;
+    let (mut bytes, mut line) = ([0; 4096], Vec::new());
+    loop {
+        let left = deadline.checked_duration_since(Instant::now())?;
+        // A timeout of zero would be none.
+        let left = left.max(Duration::from_millis(1));
+        stream.set_read_timeout(Some(left)).ok()?;
+        match stream.read(&mut bytes) {
+            Ok(0) => return None,
+            Ok(count) => line.extend_from_slice(&bytes[..count]),
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            Err(_) => return None,
+        }
+        if let Some(end) = line.iter().position(|byte| *byte == b'\n') {
+            return match serde_json::from_slice(&line[..end]) {
+                Ok(Answer::Done(value)) => Some(value),
+                _ => None,
+            };
+        }
+    }
+}
+
 /// Connects to a set that runs, and may have to open its socket first.
 fn connect(directory: &Path, name: &str, wait: &mut impl FnMut(&WaitNotice)) -> Result<UnixStream> {
     let path = path(directory);
@@ -325,6 +358,29 @@ mod tests {
             caller.tell(&Answer::Refused("not now".to_owned()));
             let error = client.join().unwrap().unwrap_err();
             assert_eq!(error.to_string(), "not now");
+        });
+    }
+
+    #[test]
+    fn who_does_not_answer_is_waited_for_no_longer_than_one_says() {
+        let directory = tempfile::tempdir().unwrap();
+        let patience = Duration::from_millis(20);
+        let ask = || ask_within(directory.path(), &Question::Status, patience);
+        assert_eq!(ask(), None, "no socket");
+        let mut socket = ControlSocket::open(directory.path()).unwrap();
+        let asked = Instant::now();
+        assert_eq!(ask(), None, "nobody at the door");
+        assert!(asked.elapsed() >= patience);
+        std::thread::scope(|scope| {
+            let patience = Duration::from_secs(60);
+            let client =
+                scope.spawn(move || ask_within(directory.path(), &Question::Status, patience));
+            // The first of the two left before the door was answered.
+            while !client.is_finished() {
+                door.answer_early(|| serde_json::json!({ "steps": 7 }), "");
+                std::thread::yield_now();
+            }
+            assert_eq!(client.join().unwrap().unwrap()["steps"], 7);
         });
     }
 

@@ -3,7 +3,7 @@
 //! What happens when a process ends before the run does stands in [`supervise`], how one is replaced while the run goes
 //! on in [`swap`].
 
-mod activity;
+pub mod activity;
 mod before;
 mod children;
 pub mod control_socket;

@@ -34,7 +34,7 @@ pub const WARM_UP: usize = 5;
 /// What to run.
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// Folder of CommonRoad files.
+    /// A CommonRoad file, or a folder of them.
     pub data: PathBuf,
     /// Splits of the drivers into those learned from and those tested.
     pub splits: u64,

@@ -12,6 +12,7 @@ mod read;
 mod read_traffic;
 mod scenario;
 mod seat;
+pub mod shipped;
 mod start;
 mod xml;
 

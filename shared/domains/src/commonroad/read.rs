@@ -25,8 +25,11 @@ const SHORTEST_BOUND_M: f64 = 1e-3;
 type Bound = Result<Vec<[f64; 2]>, (Mark, String)>;
 
 impl Scenario {
-    /// Reads a file.
+    /// Reads a file, or one that ships ([`super::shipped`]).
     pub fn read(path: &Path) -> Result<Self, CommonRoadError> {
+        if let Some(text) = super::shipped::text(path) {
+            return Self::parse(text.as_bytes(), &name_of(path));
+        }
         let io = |source| CommonRoadError::Io {
             file: name_of(path),
             source,

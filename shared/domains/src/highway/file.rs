@@ -64,10 +64,12 @@ pub enum FileError {
 
 /// Names of all scenes that ship, highway first.
 fn scene_names() -> String {
+    let recorded = crate::commonroad::shipped::names();
     let gridworlds = crate::discrete::Scene::names();
     let names: Vec<&str> = BUILTIN
         .iter()
         .map(|(name, _)| *name)
+        .chain(recorded)
         .chain(gridworlds)
         .collect();
     names.join(", ")

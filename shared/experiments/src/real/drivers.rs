@@ -58,33 +58,40 @@ pub struct Drivers {
     pub left_out: Vec<(String, String)>,
 }
 
-/// Reads every CommonRoad file (`.xml`) of a folder, and sits down in every moving vehicle.
+/// Reads a CommonRoad file (`.xml`, or one that ships), or every one of a folder, and sits down in every moving vehicle.
 ///
 /// # Errors
-/// If the folder cannot be read or holds no such file. Files that cannot be read are left out, with the reason.
-pub fn read_drivers(folder: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .with_context(|| folder.display().to_string())?
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case("xml"))
-        })
-        .collect();
+/// If the one file or the folder cannot be read, or the folder holds no such file. Files of a folder that cannot be read are left
+/// out, with the reason.
+pub fn read_drivers(data: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
+    let is_xml = |path: &Path| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("xml"))
+    };
+    let is_file = is_xml(data) && !data.is_dir();
+    let mut files: Vec<PathBuf> = match is_file {
+        true => vec![data.to_owned()],
+        false => std::fs::read_dir(data)
+            .with_context(|| data.display().to_string())?
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .filter(|path| is_xml(path))
+            .collect(),
+    };
     files.sort();
     ensure!(
         !files.is_empty(),
         "{}: no CommonRoad file (.xml) in this folder",
-        folder.display()
+        data.display()
     );
     let mut drivers = Drivers::default();
     // Results are read elsewhere: they name files, not where these lay.
-    let place = format!("{}/", folder.display());
+    let place = format!("{}/", data.display());
     for file in files {
         let stem = file
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         match Scenario::read(&file) {
+            Err(error) if is_file => return Err(error.into()),
             Err(error) => {
                 let reason = error.to_string().replace(&place, "");
                 drivers.left_out.push((stem, reason));
