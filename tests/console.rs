@@ -2,22 +2,12 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, status, summary, told};
+use common::{
+    Bench, Live, assert_nothing_left, instance, mirror, run, status, summary, told, until,
+};
 use std::fs::File;
 use std::io::Read;
 use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
-
-/// Nothing here takes as long: what does, hangs.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let since = Instant::now();
-    while !holds() {
-        assert!(since.elapsed() < PATIENCE, "{what}");
-        std::thread::sleep(Duration::from_millis(2));
-    }
-}
 
 /// Runs a command whose output cannot be written.
 fn onto_full(command: &mut Command) -> Output {
@@ -207,51 +197,38 @@ fn a_swap_says_what_it_waits_for() {
     live.wait();
 }
 
-#[test]
-fn a_swap_waits_in_words_for_a_set_that_still_learns() {
-    let bench = Bench::new();
-    let name = instance("swap-early");
+/// A set that learns about the person, once it does: that takes it a second or more.
+fn learns(bench: &Bench, name: &str) -> Run {
     let mut command = mirror();
     command
         .args(["up", "--planner", "none", "--episodes", "1000000"])
-        .args(["--instance", &name, "--self-model"])
-        .arg(bench.path("self.safetensors"))
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let set = Run::start(&mut command);
-    let root = runtime::instance::root_for(&name);
-    until("the instance is taken", || {
-        runtime::instance::launcher(&root, &name).is_some()
-    });
-    let output = swap(&name, &["planner", "same"]);
-    assert!(output.status.success(), "{}", told(&output));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        said.contains("still learns") || said.contains("only just been started"),
-        "{}",
-        told(&output)
-    );
-    set.interrupt();
-    assert_nothing_left(&name);
-}
-
-#[test]
-fn learning_can_be_interrupted() {
-    let bench = Bench::new();
-    let name = instance("learn-stop");
-    let mut command = mirror();
-    command
-        .args(["up", "--planner", "none", "--episodes", "1000000"])
-        .args(["--instance", &name, "--self-model"])
+        .args(["--instance", name, "--self-model"])
         .arg(bench.path("self.safetensors"))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::piped());
     let set = Run::start(&mut command);
     let learns = |status: serde_json::Value| status["phase"] == "learning";
-    until("it learns", || status(&name).is_some_and(learns));
-    let output = set.interrupt();
+    until("it learns", || status(name).is_some_and(learns));
+    set
+}
+
+#[test]
+fn a_swap_waits_in_words_for_a_set_that_still_learns() {
+    let (bench, name) = (Bench::new(), instance("swap-early"));
+    let set = learns(&bench, &name);
+    let output = swap(&name, &["planner", "same"]);
+    assert!(output.status.success(), "{}", told(&output));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("still learns"), "{}", told(&output));
+    set.interrupt();
+    assert_nothing_left(&name);
+}
+
+#[test]
+fn learning_can_be_interrupted() {
+    let (bench, name) = (Bench::new(), instance("learn-stop"));
+    let output = learns(&bench, &name).interrupt();
     assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("interrupted while it learned"), "{said}");

@@ -7,7 +7,10 @@
 mod common;
 mod python;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
+use common::{
+    Bench, Live, assert_no_message_lost, assert_nothing_left, instance, mirror, run, summary, swap,
+    told,
+};
 use messages::{LidarFrame, Message, topic};
 use python::python_with_iceoryx2;
 use recorder::topics::Recorded;
@@ -16,7 +19,7 @@ use runtime::{
 };
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 const NO_PYTHON: &str = "no Python into which iceoryx2 and numpy could be installed";
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/python");
@@ -30,12 +33,6 @@ fn human_model(test: &str) -> Option<String> {
         return None;
     };
     Some(format!("{} {EXAMPLE}/human_model.py", python.display()))
-}
-
-fn no_message_lost(summary: &Value) {
-    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
-        assert_eq!(lost, 0, "{topic}: {summary}");
-    }
 }
 
 /// A run with the Python human model, to its end.
@@ -56,7 +53,7 @@ fn drives(test: &str, command: &mut Command, bench: &Bench, model: &str) -> Valu
     let human = &summary["processes"]["human"];
     assert_eq!(human["end"], "finished", "{summary}");
     assert_eq!(human["steps"], summary["steps"], "a belief for every step");
-    no_message_lost(&summary);
+    assert_no_message_lost(&summary);
     summary
 }
 
@@ -146,21 +143,6 @@ fn a_planner_asks_python_what_people_would_do() {
     assert!(planned > 50, "{planned} plans");
 }
 
-fn swap(name: &str, bench: &Bench, arguments: &[&str]) -> (Output, Value) {
-    let report = bench.path("report.json");
-    let _ = std::fs::remove_file(&report);
-    let mut command = mirror();
-    command
-        .args(["swap", "human"])
-        .args(arguments)
-        .args(["--instance", name, "--report"])
-        .arg(&report);
-    let output = run(&mut command);
-    let report = std::fs::read_to_string(&report)
-        .map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
-    (output, report)
-}
-
 fn end(mut live: Live, name: &str) {
     live.signal("launcher", libc::SIGINT);
     assert_eq!(live.wait().code(), Some(1), "interrupted");
@@ -188,7 +170,7 @@ fn swaps_in_and_out(test: &str, options: &[&str]) {
         &["--exec", &model],
         &["self"],
     ] {
-        let (output, report) = swap(&name, &bench, arguments);
+        let (output, report) = swap(&name, &bench, &[&["human"], arguments].concat());
         assert!(output.status.success(), "{arguments:?}: {}", told(&output));
         assert_eq!(report["ticks_without_answer"], 0, "{report}");
         assert_eq!(report["lost_messages"], 0, "{report}");
@@ -198,7 +180,7 @@ fn swaps_in_and_out(test: &str, options: &[&str]) {
     let summary = summary(&file);
     assert_eq!(summary["swaps"].as_array().unwrap().len(), 4);
     assert_eq!(summary["deaths"], Value::Array(Vec::new()));
-    no_message_lost(&summary);
+    assert_no_message_lost(&summary);
 }
 
 #[test]
@@ -248,14 +230,14 @@ fn another_layout_is_refused_by_name() {
 
     let mut command = bench.up(&name);
     let live = Live::start(command.args(["--episodes", "1000000"]), &name);
-    let (output, report) = swap(&name, &bench, &["--exec", &stranger]);
+    let (output, report) = swap(&name, &bench, &["human", "--exec", &stranger]);
     assert!(!output.status.success(), "{}", told(&output));
     assert_eq!(report, Value::Null);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     for part in ["stays as it is", "world/lidar", &ours, OTHER_LAYOUT] {
         assert!(said.contains(part), "{part}: {said}");
     }
-    let (output, _) = swap(&name, &bench, &["self"]);
+    let (output, _) = swap(&name, &bench, &["human", "self"]);
     assert!(output.status.success(), "{}", told(&output));
     end(live, &name);
 }
@@ -285,7 +267,7 @@ fn a_killed_python_process_is_started_again() {
     assert_eq!(summary["restarts"], 1);
     assert_eq!(summary["completed"], true);
     assert_eq!(summary["episodes"], 5);
-    no_message_lost(&summary);
+    assert_no_message_lost(&summary);
 }
 
 #[test]
@@ -335,14 +317,6 @@ with Node(RunArguments(sys.argv[-1])) as node:
     assert node.lost_wakeups == 0, "it had to look up"
 "#;
 
-/// A root of instances, which has to be this user's alone.
-fn private_directory() -> tempfile::TempDir {
-    tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir_in("/tmp")
-        .unwrap()
-}
-
 #[test]
 fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
     let Some(python) = python_with_iceoryx2() else {
@@ -354,7 +328,7 @@ fn python_is_woken_by_the_next_notification_after_one_was_swallowed() {
     };
     const MINUTE_NS: u64 = 60_000_000_000;
     let bench = Bench::new();
-    let root = private_directory();
+    let root = testing::private_directory();
     let lock = InstanceLock::acquire(root.path(), "swallowed").unwrap();
     let mut launcher = Launcher::open(lock, 7, ClockMode::Lockstep).unwrap();
     let world = RunArguments {

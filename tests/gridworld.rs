@@ -3,7 +3,9 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, summary, told};
+use common::{
+    Bench, Live, assert_no_message_lost, assert_nothing_left, instance, mirror, run, summary, told,
+};
 use domains::discrete::{Discrete, Mask, Mind, Scene, SimulatedPerson, Words, World};
 use models::discrete::human_file::load_human;
 use models::discrete::{DiscreteModel, IdealHuman, Implants, Sizes};
@@ -247,9 +249,7 @@ fn decides_what_one_process_decides(domain: &str, who: (&str, &str)) {
     for process in ["world", "driver", "belief", "human", "planner"] {
         assert_eq!(found["allocations"][process], 0, "{process}");
     }
-    for (topic, lost) in found["lost_messages"].as_object().unwrap() {
-        assert_eq!(lost, 0, "{topic}");
-    }
+    assert_no_message_lost(&found);
     replays(&grid, &recording, &name);
 }
 

@@ -3,8 +3,14 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, run, summary, told};
+use common::{
+    Bench, Live, assert_no_message_lost, assert_nothing_left, instance, run, state, summary, told,
+    until,
+};
+use messages::{ImagineAnswer, ImagineRequest, topic};
+use runtime::Observer;
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// Episodes of a run that is disturbed at its beginning.
 const EPISODES: u64 = 40;
@@ -76,9 +82,7 @@ fn no_step_is_lost(process: &str) {
     let summary = is_replaced(process);
     assert_eq!(summary["void_episodes"], 0);
     assert_eq!(summary["episodes"], EPISODES);
-    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
-        assert_eq!(lost, 0, "{topic}");
-    }
+    assert_no_message_lost(&summary);
 }
 
 #[test]
@@ -111,43 +115,71 @@ fn another_recorder_goes_on() {
     no_step_is_lost("recorder");
 }
 
+/// The scene that ships, with plans that take a few milliseconds.
+const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+
 #[test]
 fn a_plan_begins_again_when_the_human_model_dies_in_the_middle_of_it() {
     let bench = Bench::new();
-    bench.write_implants();
     let name = instance("midplan");
     let file = bench.path("summary.json");
-    let mut command = common::mirror();
+    // It is stopped for a while before it is killed, and hangs only for us.
+    let mut command = bench.planned(&name, SMALL_PLANS);
     command
-        .args([
-            "up",
-            "--planner",
-            "ce",
-            "--human",
-            "mirror",
-            "--episodes",
-            "1",
-        ])
-        .args(["--instance", &name, "--self-model"])
-        .arg(bench.path("self.safetensors"))
-        .arg("--implants")
-        .arg(bench.path("implants.safetensors"))
-        .arg("--scene")
-        .arg(bench.write("small.toml", SMALL_PLANS))
-        .arg("--summary")
+        .args(["--episodes", "1", "--hang-limit", "1000", "--summary"])
         .arg(&file);
     let mut live = Live::start(&mut command, &name);
+    stop_within_a_plan(&live, &name);
     live.signal("human", libc::SIGKILL);
     assert_eq!(live.wait().code(), Some(0));
     live.assert_all_ended();
     assert_nothing_left(&name);
     let summary = summary(&file);
+    let deaths = summary["deaths"].as_array().unwrap();
+    assert_eq!(deaths.len(), 1, "{deaths:?}");
+    assert_eq!(deaths[0]["process"], "human");
     assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["hangs"], 0);
     assert_eq!(summary["completed"], true);
 }
 
-/// The scene that ships, with plans that take a few milliseconds.
-const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+/// Stops the human model while the planner waits for its answer: from then on the plan can only be given up.
+fn stop_within_a_plan(live: &Live, name: &str) {
+    let root = runtime::instance::root_for(name);
+    let observer = Observer::attach(&root, name, "witness").unwrap();
+    let mut questions = observer.input::<ImagineRequest>(topic::IMAGINE).unwrap();
+    let mut answers = observer
+        .input::<ImagineAnswer>(topic::IMAGINE_ANSWER)
+        .unwrap();
+    // By the step that is planned from: how many were asked, and how many answered. The first is not seen from its beginning.
+    let mut steps: BTreeMap<(u32, u32), [u32; 2]> = BTreeMap::new();
+    let mut look = || {
+        let mut heard = false;
+        while let Some(question) = questions.next().unwrap() {
+            let header = &question.header;
+            steps.entry((header.episode, header.step)).or_default()[0] += 1;
+            heard = true;
+        }
+        while let Some(answer) = answers.next().unwrap() {
+            let header = &answer.header;
+            steps.entry((header.episode, header.step)).or_default()[1] += 1;
+        }
+        let newest = steps.values().skip(1).next_back();
+        let waits = newest.is_some_and(|[asked, answered]| asked > answered);
+        (heard && newest.is_some(), waits)
+    };
+    loop {
+        until("the planner asks", || look().0);
+        live.signal("human", libc::SIGSTOP);
+        until("one is stopped and the other waits", || {
+            state(live.pid("human")) == Some('T') && state(live.pid("planner")) == Some('S')
+        });
+        if look().1 {
+            return;
+        }
+        live.signal("human", libc::SIGCONT);
+    }
+}
 
 #[test]
 fn a_stopped_process_is_replaced() {

@@ -2,9 +2,9 @@
 
 mod common;
 
+use common::others::{Shared, can_be_two_users};
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, told};
 use serde_json::Value;
-use std::os::unix::process::CommandExt;
 
 /// What a command prints as JSON.
 fn listed(arguments: &[&str]) -> Value {
@@ -92,29 +92,14 @@ fn a_set_that_runs_is_listed_with_what_it_is_and_how_far() {
 
 #[test]
 fn where_nothing_runs_it_is_said_plainly() {
-    // SAFETY: cannot fail.
-    if unsafe { libc::geteuid() } != 0 {
-        testing::skipped(
-            "where_nothing_runs_it_is_said_plainly",
-            "only root can be a user who has no sets",
-        );
+    if !can_be_two_users("where_nothing_runs_it_is_said_plainly") {
         return;
     }
-    // A user whom nobody has, and who need not be able to reach the program's file.
+    // A user whom nobody has, and who therefore has no sets.
     let user = 4_100_000_000 + std::process::id() % 1_000_000;
-    let copy = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o755))
-        .tempdir_in("/tmp")
-        .unwrap();
-    let program = copy.path().join("mirror");
-    std::fs::copy(env!("CARGO_BIN_EXE_mirror"), &program).unwrap();
+    let shared = Shared::new();
     let ls = |arguments: &[&str]| {
-        let mut command = std::process::Command::new(&program);
-        command.uid(user).gid(user).current_dir("/");
-        let output = run(command
-            .env_remove("XDG_RUNTIME_DIR")
-            .arg("ls")
-            .args(arguments));
+        let output = run(shared.mirror_as(user).arg("ls").args(arguments));
         assert_eq!(output.status.code(), Some(0), "{}", told(&output));
         String::from_utf8(output.stdout).unwrap()
     };

@@ -8,6 +8,9 @@ use serde_json::Value;
 /// Sixty simulated seconds in one: no machine plans within a step of 2.5 ms.
 const FAST: &str = "name = \"fast\"\n[clock]\nrate = 60.0\n[episode]\nmax_steps = 200\n";
 
+/// The share of a step that a plan may take, where this machine is to keep up.
+const SHARE: f64 = 0.85;
+
 fn number(value: &Value) -> u64 {
     value.as_u64().unwrap_or_else(|| panic!("{value}"))
 }
@@ -83,9 +86,25 @@ fn doctor_says_beforehand_whether_this_machine_keeps_up() {
     ] {
         assert!(said.contains(words), "{words}: {}", told(&output));
     }
-    assert!(
-        said.contains("keeps up") || said.contains("does NOT keep up"),
-        "{}",
-        told(&output)
-    );
+    // What it concludes is what it measured: "… takes 75 ms (p50), 89 ms (p99, of 20 plans); a step lasts 150 ms".
+    let before = |mark: &str| -> f64 {
+        let words = said.split(mark).next().unwrap().trim_end_matches(" ms");
+        words.rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    let (p50, p99) = (before(" (p50)"), before(" (p99"));
+    let verdict = [
+        "keeps up: ",
+        "keeps up most of the time only",
+        "does NOT keep up",
+    ];
+    let verdict: Vec<bool> = verdict.iter().map(|words| said.contains(words)).collect();
+    // A decision has to be there when a share of the step is over; the figures are rounded to milliseconds.
+    let late = |plan: f64| match plan {
+        _ if plan > SHARE * 150.0 + 1.0 => Some(true),
+        _ if plan < SHARE * 150.0 - 1.0 => Some(false),
+        _ => None,
+    };
+    assert_eq!(verdict.iter().filter(|said| **said).count(), 1, "{said}");
+    assert_eq!(late(p99).unwrap_or(!verdict[0]), !verdict[0], "{said}");
+    assert_eq!(late(p50).unwrap_or(verdict[2]), verdict[2], "{said}");
 }

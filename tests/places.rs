@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::others::{NOBODY, Shared, can_be_two_users, is_root};
 use common::{Bench, Live, assert_nothing_left, instance, mirror, run, told};
 use runtime::instance::{lookup_roots, prefix, root_for};
 use std::os::unix::fs::{PermissionsExt, chown, symlink};
@@ -9,57 +10,18 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Nobody, on most systems: a user who runs nothing.
-const NOBODY: u32 = 65534;
-
-fn is_root() -> bool {
-    // SAFETY: cannot fail.
-    unsafe { libc::geteuid() == 0 }
-}
-
-/// A directory that another user can look into, with this program in it.
-struct Shared(tempfile::TempDir);
-
-impl Shared {
-    fn new() -> Self {
-        let directory = tempfile::tempdir_in("/tmp").unwrap();
-        std::fs::set_permissions(directory.path(), PermissionsExt::from_mode(0o755)).unwrap();
-        std::fs::copy(
-            env!("CARGO_BIN_EXE_mirror"),
-            directory.path().join("mirror"),
-        )
-        .unwrap();
-        Self(directory)
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    /// The program, as another user would start it.
-    fn mirror_as(&self, user: u32) -> Command {
-        let mut command = Command::new(self.path("mirror"));
-        command
-            .uid(user)
-            .gid(user)
-            .current_dir("/")
-            .env_remove("XDG_RUNTIME_DIR");
-        command
-    }
-
-    /// Somebody's home, with something of theirs in it that has an instance's name.
-    fn home(&self, owner: u32) -> PathBuf {
-        let home = self.path("home");
-        std::fs::create_dir_all(home.join("lab")).unwrap();
-        std::fs::write(home.join("lab/thesis.json"), "years").unwrap();
-        for path in [home.clone(), home.join("lab"), home.join("lab/thesis.json")] {
-            std::fs::set_permissions(&path, PermissionsExt::from_mode(0o700)).unwrap();
-            if is_root() {
-                chown(path, Some(owner), Some(owner)).unwrap();
-            }
+/// Somebody's home, with something of theirs in it that has an instance's name.
+fn home_of(shared: &Shared, owner: u32) -> PathBuf {
+    let home = shared.path("home");
+    std::fs::create_dir_all(home.join("lab")).unwrap();
+    std::fs::write(home.join("lab/thesis.json"), "years").unwrap();
+    for path in [home.clone(), home.join("lab"), home.join("lab/thesis.json")] {
+        std::fs::set_permissions(&path, PermissionsExt::from_mode(0o700)).unwrap();
+        if is_root() {
+            chown(path, Some(owner), Some(owner)).unwrap();
         }
-        home
     }
+    home
 }
 
 fn assert_refused(output: &Output, words: &[&str]) {
@@ -102,7 +64,7 @@ const COMMANDS: [&[&str]; 6] = [
 fn a_link_in_the_place_of_the_run_directory_is_refused_by_every_command() {
     let shared = Shared::new();
     // SAFETY: cannot fail.
-    let home = shared.home(unsafe { libc::geteuid() });
+    let home = home_of(&shared, unsafe { libc::geteuid() });
     let runtime = shared.path("runtime");
     std::fs::create_dir(&runtime).unwrap();
     std::fs::set_permissions(&runtime, PermissionsExt::from_mode(0o700)).unwrap();
@@ -117,18 +79,14 @@ fn a_link_in_the_place_of_the_run_directory_is_refused_by_every_command() {
 /// What another user puts under our name in `/tmp`, before we are there.
 #[test]
 fn what_others_put_in_the_place_of_the_run_directory_is_refused() {
-    if !is_root() {
-        testing::skipped(
-            "what_others_put_in_the_place_of_the_run_directory_is_refused",
-            "only root can be two users",
-        );
+    if !can_be_two_users("what_others_put_in_the_place_of_the_run_directory_is_refused") {
         return;
     }
     // A user whom nobody has.
     let (user, other) = (4_000_000_000 + std::process::id() % 1_000_000, NOBODY);
     let place = PathBuf::from(format!("/tmp/mirror-{user}"));
     let shared = Shared::new();
-    let home = shared.home(user);
+    let home = home_of(&shared, user);
     let attempt = |reason: &str| {
         for command in COMMANDS {
             let output = run(shared.mirror_as(user).args(command));
@@ -155,11 +113,7 @@ fn what_others_put_in_the_place_of_the_run_directory_is_refused() {
 
 #[test]
 fn another_user_can_neither_open_nor_list_anything_of_a_running_set() {
-    if !is_root() {
-        testing::skipped(
-            "another_user_can_neither_open_nor_list_anything_of_a_running_set",
-            "only root can be two users",
-        );
+    if !can_be_two_users("another_user_can_neither_open_nor_list_anything_of_a_running_set") {
         return;
     }
     let (bench, name) = (Bench::new(), instance("closed"));
@@ -205,11 +159,7 @@ fn another_user_can_neither_open_nor_list_anything_of_a_running_set() {
 /// Another user knows where our files will be, and is there first.
 #[test]
 fn what_another_user_puts_into_shared_memory_is_refused_and_stays() {
-    if !is_root() {
-        testing::skipped(
-            "what_another_user_puts_into_shared_memory_is_refused_and_stays",
-            "only root can be two users",
-        );
+    if !can_be_two_users("what_another_user_puts_into_shared_memory_is_refused_and_stays") {
         return;
     }
     let (bench, name) = (Bench::new(), instance("first"));

@@ -6,17 +6,29 @@
 mod common;
 mod profile_files;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, told};
+use common::{Bench, Live, assert_nothing_left, instance, mirror, run, status, told, until};
 use messages::{CommAction, LidarFrame, RobotBelief, topic};
 use profile_files::{Trace, check_histograms, check_trace, json};
 use runtime::{Node, Receive, RunArguments, Stamp, Wake};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use testing::Stander;
 
-const ROLE: &str = "MIRROR_TEST_ROLE";
+testing::stand_in!(
+    stand_in;
+    hops_and_compute_times_agree_with_those_who_read_the_clock_themselves,
+    attached_it_disturbs_nobody_and_agrees_with_proc,
+    a_run_that_ends_while_watched_leaves_nothing,
+    its_files_open_elsewhere_and_compare,
+    plans_are_followed_into_the_human_model_and_back,
+    gridworlds_are_profiled_too,
+    what_cannot_be_used_is_refused,
+);
+
 const LOG: &str = "MIRROR_TEST_LOG";
 
 /// The monotonic clock, read without any of the project's code.
@@ -41,16 +53,11 @@ fn compute(ns: u64) {
     }
 }
 
-/// Not a test: what a process does that stands in for one of the set. Without a role it has nothing to do.
-#[test]
-fn stand_in() {
-    let Ok(role) = std::env::var(ROLE) else {
-        return;
-    };
-    let path = std::env::args().next_back().unwrap();
-    let arguments = RunArguments::read(Path::new(&path)).unwrap();
+/// What a process does that stands in for one of the set.
+fn stand_in(role: &str, file: OsString) {
+    let arguments = RunArguments::read(Path::new(&file)).unwrap();
     let mut node = Node::join(&arguments).unwrap();
-    let log = match role.as_str() {
+    let log = match role {
         "belief" => believe(&mut node),
         "planner" => decide(&mut node),
         other => panic!("no role {other}"),
@@ -158,14 +165,11 @@ fn assert_well(output: &Output) {
 
 /// The command line that runs this test program as a process of the set.
 fn stands_in(process: &str, log: &Path) -> String {
-    format!(
-        "{process}=env {ROLE}={process} {LOG}={} {} --exact stand_in --nocapture --test-threads=1",
-        log.display(),
-        std::env::current_exe().unwrap().display()
-    )
+    let log = log.display().to_string();
+    let program = Stander::new(process).shell(&[(LOG, &log)]);
+    format!("{process}={program}")
 }
 
-#[test]
 fn hops_and_compute_times_agree_with_those_who_read_the_clock_themselves() {
     let bench = Bench::new();
     let out = bench.path("out");
@@ -257,7 +261,6 @@ fn cpu_s(pid: u32) -> (f64, f64) {
     (ticks as f64 / per_second, 1.0 / per_second)
 }
 
-#[test]
 fn attached_it_disturbs_nobody_and_agrees_with_proc() {
     let bench = Bench::new();
     let out = bench.path("out");
@@ -316,36 +319,41 @@ fn attached_it_disturbs_nobody_and_agrees_with_proc() {
     assert_nothing_left(&name);
 }
 
-#[test]
 fn a_run_that_ends_while_watched_leaves_nothing() {
     let bench = Bench::new();
     let name = instance("ends");
     let out = bench.path("out");
     let live = Live::start(bench.up(&name).args(["--episodes", "1000000"]), &name);
-    let mut child = mirror()
+    let child = mirror()
         .args(["profile", "--attach", &name, "--seconds", "600", "--out"])
         .arg(&out)
-        .stdout(std::process::Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // It is there once its node is.
-    let root = runtime::instance::root_for(&name);
-    while !runtime::instance::nodes(&root, &name)
-        .unwrap()
-        .iter()
-        .any(|node| node.process == "profile")
-    {
-        assert!(child.try_wait().unwrap().is_none(), "it did not attach");
-    }
+    // Once it reads what every process of the set sends, it has a part in the run; then it sees some of it.
+    let ours = runtime::instance::prefix(&runtime::instance::root_for(&name), &name);
+    until("it watches", || {
+        let maps = std::fs::read_to_string(format!("/proc/{}/maps", child.id())).unwrap();
+        let sent = |line: &&str| line.contains(&ours) && line.ends_with(".data");
+        let files = maps.lines().filter(sent);
+        let files = files.filter_map(|line| line.split_whitespace().last());
+        files.collect::<BTreeSet<_>>().len() >= live.processes.len() - 1
+    });
+    let steps = || status(&name).unwrap()["steps"].as_u64().unwrap();
+    let before = steps();
+    until("the run goes on", || steps() > before + 200);
     live.signal("launcher", libc::SIGTERM);
-    let status = child.wait().unwrap();
-    // With bad luck the run ends before a step was seen, which it says.
-    assert!(matches!(status.code(), Some(0 | 1)), "{status}");
+    let output = child.wait_with_output().unwrap();
+    assert_well(&output);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("until the run ended"), "{said}");
+    let counts = &json(&out.join("profile.json"))["counts"];
+    assert!(counts["steps"].as_u64().unwrap() > 0, "{counts}");
     drop(live);
     assert_nothing_left(&name);
 }
 
-#[test]
 fn its_files_open_elsewhere_and_compare() {
     let bench = Bench::new();
     let out = bench.path("out");
@@ -421,7 +429,6 @@ iterations = 2
 max_steps = 40
 ";
 
-#[test]
 fn plans_are_followed_into_the_human_model_and_back() {
     let bench = Bench::new();
     let scene = bench.write("quick.toml", QUICK);
@@ -460,7 +467,6 @@ fn plans_are_followed_into_the_human_model_and_back() {
 }
 
 /// Where the world sends observations in place of frames, and a plan asks for choices.
-#[test]
 fn gridworlds_are_profiled_too() {
     let bench = Bench::new();
     let out = bench.path("out");
@@ -519,7 +525,6 @@ fn refused(arguments: &[&str], words: &[&str]) {
     assert!(!error.contains("panicked"), "{arguments:?}: {error}");
 }
 
-#[test]
 fn what_cannot_be_used_is_refused() {
     let bench = Bench::new();
     let path = |path: &PathBuf| path.to_str().unwrap().to_owned();

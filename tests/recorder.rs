@@ -159,10 +159,7 @@ impl Set {
 
 #[test]
 fn a_killed_recorder_leaves_its_chunks_and_the_next_one_goes_on() {
-    let root = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir()
-        .unwrap();
+    let root = testing::private_directory();
     let (file, result) = (
         root.path().join("drive.mcap"),
         root.path().join("result.json"),

@@ -5,26 +5,32 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, run, status, summary, told};
+use common::{
+    Bench, Live, assert_no_message_lost, assert_nothing_left, instance, run, status, summary, told,
+};
 use messages::{DriverAction, LidarFrame, topic};
 use runtime::{ClockMode, InputOptions, Node, Receive, RunArguments, Stamp, Wake};
 use serde_json::Value;
+use std::ffi::OsString;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use testing::Stander;
 
-const ROLE: &str = "MIRROR_TEST_SLOW";
+testing::stand_in!(
+    drive;
+    a_process_that_computes_is_waited_for,
+    a_process_that_stands_still_is_replaced,
+    a_recorder_that_falls_behind_is_waited_for,
+    a_launcher_that_falls_behind_is_waited_for,
+);
+
 /// The hang limit of these tests, in seconds, and the processor time for which the slow driver computes.
 const LIMIT_S: f64 = 0.3;
 const COMPUTES_S: f64 = 6.0 * LIMIT_S;
 
-/// Not a test: the driver of the tests below. Without a role it has nothing to do.
-#[test]
-fn child() {
-    let Ok(role) = std::env::var(ROLE) else {
-        return;
-    };
-    let file = std::env::args().next_back().unwrap();
+/// The driver of the tests below.
+fn drive(role: &str, file: OsString) {
     let arguments = RunArguments::read(Path::new(&file)).unwrap();
     let mut node = Node::join(&arguments).unwrap();
     let mut frames = node
@@ -38,7 +44,7 @@ fn child() {
             continue;
         };
         if frame.header.step == 3 && frame.header.episode == 0 {
-            match role.as_str() {
+            match role {
                 "computes" => compute(),
                 marker => stand_still_once(Path::new(marker)),
             }
@@ -86,11 +92,7 @@ fn with_slow_driver(test: &str, role: impl FnOnce(&Bench) -> String) -> Value {
     let bench = Bench::new();
     let name = instance(test);
     let file = bench.path("summary.json");
-    let driver = format!(
-        "driver=env {ROLE}={} {} --exact child --nocapture --test-threads=1",
-        role(&bench),
-        std::env::current_exe().unwrap().display()
-    );
+    let driver = format!("driver={}", Stander::new(&role(&bench)).shell(&[]));
     let mut command = bench.up(&name);
     command
         .args(["--episodes", "2", "--quiet", "--exec", &driver])
@@ -106,13 +108,10 @@ fn with_slow_driver(test: &str, role: impl FnOnce(&Bench) -> String) -> Value {
 }
 
 fn nothing_was_lost(summary: &Value) {
-    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
-        assert_eq!(lost, 0, "{topic}");
-    }
+    assert_no_message_lost(summary);
     assert_eq!(summary["recording"]["complete"], true, "{summary:#}");
 }
 
-#[test]
 fn a_process_that_computes_is_waited_for() {
     let summary = with_slow_driver("computes", |_| "computes".to_owned());
     assert_eq!(summary["hangs"], 0);
@@ -120,7 +119,6 @@ fn a_process_that_computes_is_waited_for() {
     assert_eq!(summary["deaths"], Value::Array(Vec::new()));
 }
 
-#[test]
 fn a_process_that_stands_still_is_replaced() {
     let marker = |bench: &Bench| bench.path("stood-still").display().to_string();
     let summary = with_slow_driver("still", marker);
@@ -190,12 +188,10 @@ fn is_waited_for(process: &str) {
     );
 }
 
-#[test]
 fn a_recorder_that_falls_behind_is_waited_for() {
     is_waited_for("recorder");
 }
 
-#[test]
 fn a_launcher_that_falls_behind_is_waited_for() {
     is_waited_for("launcher");
 }

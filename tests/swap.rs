@@ -3,26 +3,36 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, mirror, run, status, summary, told};
+use common::{
+    Bench, Live, assert_no_message_lost, assert_nothing_left, instance, run, status, summary, swap,
+    told,
+};
 use messages::{CommAction, Header, LidarFrame, Message, RobotBelief, topic};
 use recorder::topics::Recorded;
 use runtime::{Node, Receive, RunArguments, Stamp, Wake};
 use serde_json::Value;
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::Output;
+use testing::Stander;
 
-const ROLE: &str = "MIRROR_TEST_ROLE";
+testing::stand_in!(
+    stand_in;
+    the_old_one_may_die_before_the_border,
+    both_may_die,
+    human_models_change_places_in_lockstep,
+    human_models_change_places_in_real_time,
+    every_other_process_changes_places_too,
+    what_cannot_take_over_changes_nothing,
+    decisions_before_a_swap_are_those_of_a_run_without_it,
+);
+
 const MARK: &str = "MIRROR_TEST_MARK";
 
-/// Not a test: what a process does that stands in for one of the set. Without a role it has nothing to do.
-#[test]
-fn stand_in() {
-    let Ok(role) = std::env::var(ROLE) else {
-        return;
-    };
-    let path = std::env::args().next_back().unwrap();
-    let mut node = Node::join(&RunArguments::read(Path::new(&path)).unwrap()).unwrap();
-    match role.as_str() {
+/// What a process does that stands in for one of the set.
+fn stand_in(role: &str, file: OsString) {
+    let mut node = Node::join(&RunArguments::read(Path::new(&file)).unwrap()).unwrap();
+    match role {
         "belief" => believe(&mut node),
         "planner" => decide(&mut node),
         other => panic!("no role {other}"),
@@ -103,12 +113,8 @@ fn begins_to_swap(name: &str, process: &str) -> (std::thread::JoinHandle<(Output
     let (instance, asked) = (name.to_owned(), process.to_owned());
     let swap = std::thread::spawn(move || {
         let bench = Bench::new();
-        let program = std::env::current_exe().unwrap();
-        let command = format!(
-            "env {ROLE}={asked} {MARK}={} {} --exact stand_in --nocapture --test-threads=1",
-            bench.path("mark").display(),
-            program.display()
-        );
+        let mark = bench.path("mark").display().to_string();
+        let command = Stander::new(&asked).shell(&[(MARK, &mark)]);
         swap(&instance, &bench, &[&asked, "--exec", &command])
     });
     loop {
@@ -122,7 +128,6 @@ fn begins_to_swap(name: &str, process: &str) -> (std::thread::JoinHandle<(Output
 
 /// The old process may die before the border: the new one goes on where it stopped, and who cannot, having passed over what is
 /// owed, is started once more.
-#[test]
 fn the_old_one_may_die_before_the_border() {
     for clock in ["lockstep", "realtime"] {
         let bench = Bench::new();
@@ -159,7 +164,6 @@ fn the_old_one_may_die_before_the_border() {
 }
 
 /// Where both die, the launcher starts another of the old kind, as it does without a swap.
-#[test]
 fn both_may_die() {
     let bench = Bench::new();
     let name = instance("swap-both");
@@ -187,22 +191,6 @@ fn both_may_die() {
     swaps_cleanly(&name, &bench, &["belief", "same"]);
     end(live, &name);
     assert_eq!(summary(&file)["restarts"], 2);
-}
-
-/// `mirror swap`, to its end.
-fn swap(name: &str, bench: &Bench, arguments: &[&str]) -> (Output, Value) {
-    let report = bench.path("report.json");
-    let _ = std::fs::remove_file(&report);
-    let mut command = mirror();
-    command
-        .arg("swap")
-        .args(arguments)
-        .args(["--instance", name, "--report"])
-        .arg(&report);
-    let output = run(&mut command);
-    let report = std::fs::read_to_string(&report)
-        .map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
-    (output, report)
 }
 
 fn swaps_cleanly(name: &str, bench: &Bench, arguments: &[&str]) -> Value {
@@ -239,7 +227,6 @@ fn end(mut live: Live, name: &str) {
     assert_nothing_left(name);
 }
 
-#[test]
 fn human_models_change_places_in_lockstep() {
     let bench = Bench::new();
     let (implants, policy) = (implants(&bench), bench.write_policy());
@@ -266,12 +253,9 @@ fn human_models_change_places_in_lockstep() {
     assert_eq!(summary["swaps"].as_array().unwrap().len(), 4);
     assert_eq!(summary["deaths"], Value::Array(Vec::new()));
     assert_eq!(summary["human"], "mirror");
-    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
-        assert_eq!(lost, 0, "{topic}");
-    }
+    assert_no_message_lost(&summary);
 }
 
-#[test]
 fn human_models_change_places_in_real_time() {
     let bench = Bench::new();
     let (implants, policy) = (implants(&bench), bench.write_policy());
@@ -286,7 +270,6 @@ fn human_models_change_places_in_real_time() {
     end(live, &name);
 }
 
-#[test]
 fn every_other_process_changes_places_too() {
     let bench = Bench::new();
     let name = instance("swap-all");
@@ -310,7 +293,6 @@ fn every_other_process_changes_places_too() {
     end(live, &name);
 }
 
-#[test]
 fn what_cannot_take_over_changes_nothing() {
     let bench = Bench::new();
     let name = instance("swap-refused");
@@ -348,7 +330,6 @@ fn what_cannot_take_over_changes_nothing() {
     assert!(told(&output).contains(&name));
 }
 
-#[test]
 fn decisions_before_a_swap_are_those_of_a_run_without_it() {
     let bench = Bench::new();
     let name = instance("swap-before");

@@ -6,7 +6,7 @@
 
 mod common;
 
-use common::{Bench, Live, assert_nothing_left, instance, status, summary};
+use common::{Bench, Live, assert_nothing_left, instance, quick_scene, status, summary};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,19 +16,7 @@ use std::time::Duration;
 const FEW: u64 = 24;
 
 /// The scene that ships ten times as fast, with plans that take a few milliseconds.
-const SCENE: &str = "name = \"hasty\"
-[clock]
-rate = 10.0
-[fog]
-front_m = 13.0
-side_m = 8.0
-rear_m = 3.0
-[planning]
-horizon = 2
-samples = 24
-elites = 6
-iterations = 2
-";
+const HASTE: &str = "[clock]\nrate = 10.0\n";
 
 #[test]
 fn a_run_survives_whatever_happens_to_its_processes() {
@@ -39,21 +27,13 @@ fn a_run_survives_whatever_happens_to_its_processes() {
     let seed = 0x70_72_74;
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let bench = Bench::new();
-    bench.write_implants();
     let name = instance("torture");
     let file = bench.path("summary.json");
     let recording = bench.path("torture.mcap");
-    let mut command = common::mirror();
+    let mut command = bench.planned(&name, &quick_scene(24, HASTE));
     command
-        .args(["up", "--clock", "realtime", "--quiet", "--restarts", "1000"])
-        .args(["--episodes", &(accidents / 2 + 4).to_string()])
-        .args(["--instance", &name, "--self-model"])
-        .arg(bench.path("self.safetensors"))
-        .arg("--implants")
-        .arg(bench.path("implants.safetensors"))
-        .arg("--scene")
-        .arg(bench.write("hasty.toml", SCENE))
-        .arg("--record")
+        .args(["--clock", "realtime", "--quiet", "--restarts", "1000"])
+        .args(["--episodes", &(accidents / 2 + 4).to_string(), "--record"])
         .arg(&recording)
         .arg("--summary")
         .arg(&file);

@@ -2,24 +2,9 @@
 
 mod common;
 
-use common::{instance, mirror, run, summary, told};
+use common::{instance, mirror, quick_scene, run, summary, told};
 use std::path::Path;
 use std::process::Command;
-
-/// The highway in fog, with plans that take moments.
-const QUICK: &str = "name = \"quick\"
-[fog]
-front_m = 13.0
-side_m = 8.0
-rear_m = 3.0
-[planning]
-horizon = 2
-samples = 40
-elites = 10
-iterations = 2
-[episode]
-max_steps = 40
-";
 
 /// A run with the self-model that ships; what the human model knows of the person is learned at its start.
 fn up(scene: &Path, vectors: &str, summary: &Path) -> Command {
@@ -56,7 +41,8 @@ fn all_the_same(scene: &Path) {
 fn on_the_highway() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("quick.toml");
-    std::fs::write(&scene, QUICK).unwrap();
+    let text = quick_scene(40, "[episode]\nmax_steps = 40\n");
+    std::fs::write(&scene, text).unwrap();
     all_the_same(&scene);
 }
 

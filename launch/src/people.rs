@@ -54,7 +54,7 @@ enum Sees {
 enum Parameters {
     Highway(highway::Person),
     Driving(driving::Person),
-    SearchRescue(search_rescue::Person),
+    SearchRescue(Box<search_rescue::Person>),
     BombDefusal(bomb_defusal::Person),
 }
 
@@ -130,7 +130,7 @@ fn in_gridworld(domain: discrete::Domain, id: u32) -> Result<Row> {
     let parameters = match domain {
         discrete::Domain::Driving => Parameters::Driving(driving::Person::builtin(id)?),
         discrete::Domain::SearchRescue => {
-            Parameters::SearchRescue(search_rescue::Person::builtin(id)?)
+            Parameters::SearchRescue(Box::new(search_rescue::Person::builtin(id)?))
         }
         discrete::Domain::BombDefusal => {
             Parameters::BombDefusal(bomb_defusal::Person::builtin(id)?)

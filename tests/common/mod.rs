@@ -1,6 +1,8 @@
 //! What the whole-system tests share: starting `mirror`, an untrained self-model, and looking for what a run left.
 #![allow(dead_code)] // Each test program uses its own part.
 
+pub mod others;
+
 use models::self_model::Sizes;
 use models::{Kind, SelfModel};
 use rand_chacha::ChaCha8Rng;
@@ -9,10 +11,38 @@ use runtime::instance::{nodes, prefix, root_for};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::time::{Duration, Instant};
 
 /// The program under test.
 pub fn mirror() -> Command {
     Command::new(env!("CARGO_BIN_EXE_mirror"))
+}
+
+/// Nothing here takes as long: what does, hangs.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Waits until something holds.
+pub fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !holds() {
+        assert!(since.elapsed() < PATIENCE, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// A process's state letter; none if there is none.
+pub fn state(pid: u32) -> Option<char> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    stat.rsplit_once(") ")?.1.chars().next()
+}
+
+/// A scene file: the highway in fog, with plans of so many imagined futures, which take moments, and what `more` says.
+pub fn quick_scene(samples: u32, more: &str) -> String {
+    format!(
+        "name = \"quick\"\n[fog]\nfront_m = 13.0\nside_m = 8.0\nrear_m = 3.0\n[planning]\nhorizon = 2\n\
+         samples = {samples}\nelites = {}\niterations = 2\n{more}",
+        samples / 4
+    )
 }
 
 /// A directory with a self-model in it that never learned anything: what these tests ask does not depend on that.
@@ -63,6 +93,21 @@ impl Bench {
         let path = self.path(name);
         std::fs::write(&path, bytes).unwrap();
         path
+    }
+
+    /// `mirror up` with a planner in this scene, and with implants that learned nothing, in an instance of its own.
+    pub fn planned(&self, instance: &str, scene: &str) -> Command {
+        self.write_implants();
+        let mut command = mirror();
+        command
+            .args(["up", "--human", "mirror", "--planner", "ce"])
+            .args(["--instance", instance, "--self-model"])
+            .arg(self.path("self.safetensors"))
+            .arg("--implants")
+            .arg(self.path("implants.safetensors"))
+            .arg("--scene")
+            .arg(self.write("scene.toml", scene));
+        command
     }
 
     /// `mirror up` without planning, in an instance of its own.
@@ -120,6 +165,30 @@ pub fn status(instance: &str) -> Option<serde_json::Value> {
     Some(answer["done"].clone())
 }
 
+/// `mirror swap` to its end: what it printed, and its report, if it wrote one.
+pub fn swap(instance: &str, bench: &Bench, arguments: &[&str]) -> (Output, serde_json::Value) {
+    let report = bench.path("report.json");
+    let _ = std::fs::remove_file(&report);
+    let mut command = mirror();
+    command
+        .arg("swap")
+        .args(arguments)
+        .args(["--instance", instance, "--report"])
+        .arg(&report);
+    let output = run(&mut command);
+    let report = std::fs::read_to_string(&report).map_or(serde_json::Value::Null, |text| {
+        serde_json::from_str(&text).unwrap()
+    });
+    (output, report)
+}
+
+/// Asserts that a run lost no message of any topic.
+pub fn assert_no_message_lost(summary: &serde_json::Value) {
+    for (topic, lost) in summary["lost_messages"].as_object().unwrap() {
+        assert_eq!(lost, 0, "{topic}");
+    }
+}
+
 /// A `mirror up` that goes on until it is ended.
 pub struct Live {
     pub child: Child,
@@ -132,25 +201,9 @@ pub struct Live {
 impl Live {
     /// Starts it, and returns once the first episode has begun.
     pub fn start(command: &mut Command, instance: &str) -> Self {
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap());
-        let mut live = Self {
-            child,
-            lines,
-            instance: instance.to_owned(),
-            processes: Vec::new(),
-        };
+        let mut live = Self::spawn(command.stderr(Stdio::inherit()), instance);
         live.wait_for_line("START");
-        let found = nodes(&root_for(instance), instance).unwrap();
-        live.processes = found
-            .into_iter()
-            .map(|node| (node.process, node.pid))
-            .collect();
+        live.find_processes();
         assert_eq!(
             live.processes.len(),
             8,
@@ -162,26 +215,31 @@ impl Live {
 
     /// Starts one that prints nothing, and returns once its first step was taken.
     pub fn start_quietly(command: &mut Command, instance: &str) -> Self {
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap());
-        let mut live = Self {
-            child,
-            lines,
-            instance: instance.to_owned(),
-            processes: Vec::new(),
-        };
+        let mut live = Self::spawn(command.stderr(Stdio::null()), instance);
         let runs = |status: serde_json::Value| status["steps"].as_u64() > Some(0);
         while !status(instance).is_some_and(runs) {
             std::thread::yield_now();
         }
-        let found = nodes(&root_for(instance), instance).unwrap().into_iter();
-        live.processes = found.map(|node| (node.process, node.pid)).collect();
+        live.find_processes();
         live
+    }
+
+    fn spawn(command: &mut Command, instance: &str) -> Self {
+        let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap());
+        Self {
+            child,
+            lines,
+            instance: instance.to_owned(),
+            processes: Vec::new(),
+        }
+    }
+
+    fn find_processes(&mut self) {
+        let found = nodes(&root_for(&self.instance), &self.instance).unwrap();
+        let found = found.into_iter().map(|node| (node.process, node.pid));
+        self.processes = found.collect();
     }
 
     /// Ends the run as Ctrl-C does.

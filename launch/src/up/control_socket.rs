@@ -369,15 +369,15 @@ mod tests {
         assert_eq!(ask(), None, "no socket");
         let mut socket = ControlSocket::open(directory.path()).unwrap();
         let asked = Instant::now();
-        assert_eq!(ask(), None, "nobody at the door");
+        assert_eq!(ask(), None, "nobody at the socket");
         assert!(asked.elapsed() >= patience);
         std::thread::scope(|scope| {
             let patience = Duration::from_secs(60);
             let client =
                 scope.spawn(move || ask_within(directory.path(), &Question::Status, patience));
-            // The first of the two left before the door was answered.
+            // The first of the two left before the socket was answered.
             while !client.is_finished() {
-                door.answer_early(|| serde_json::json!({ "steps": 7 }), "");
+                socket.answer_early(|| serde_json::json!({ "steps": 7 }), "");
                 std::thread::yield_now();
             }
             assert_eq!(client.join().unwrap().unwrap()["steps"], 7);

@@ -125,10 +125,7 @@ fn it_allocates_nothing_once_it_is_warm() {
 
 #[test]
 fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
-    let folder = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir_in("/tmp")
-        .expect("a temporary directory");
+    let folder = testing::private_directory();
     let path = folder.path().join("broken.safetensors");
     let arguments =
         RunArguments::new(folder.path(), "refused", 1, ClockMode::Lockstep).expect("a good name");

@@ -110,9 +110,7 @@ fn run(clock: ClockMode, folder: &Path) -> Result<([u32; 3], u32)> {
 
 #[test]
 fn in_real_time_a_late_display_of_a_step_is_heard() -> Result<()> {
-    let folder = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir()?;
+    let folder = testing::private_directory();
     let (done, right) = run(ClockMode::RealTime, folder.path())?;
     assert_ne!(right, WAIT as u32);
     assert_eq!(done, [WAIT as u32, right, WAIT as u32]);

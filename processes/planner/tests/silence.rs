@@ -82,10 +82,7 @@ fn an_episode_may_end_between_belief_and_action() {
 
 #[test]
 fn impossible_options_are_refused_before_anything_starts() {
-    let root = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir_in("/tmp")
-        .expect("a temporary directory");
+    let root = testing::private_directory();
     let arguments = runtime::RunArguments::new(root.path(), "never", 1, ClockMode::Lockstep)
         .expect("a good name");
     let refuses = |options: PlannerOptions, word: &str| {

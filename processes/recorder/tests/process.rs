@@ -84,9 +84,7 @@ fn record(
     instance: &str,
     record: Option<&Path>,
 ) -> anyhow::Result<(RecorderResult, String, String)> {
-    let root = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir()?;
+    let root = testing::private_directory();
     let lock = InstanceLock::acquire(root.path(), instance)?;
     let mut launcher = Launcher::open(lock, 42, ClockMode::Lockstep)?;
     let process = |name: &str, index| RunArguments {
@@ -193,9 +191,7 @@ fn the_digest_needs_no_file() -> anyhow::Result<()> {
 
 #[test]
 fn a_recording_that_cannot_be_created_ends_the_process_with_the_files_name() -> anyhow::Result<()> {
-    let root = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir()?;
+    let root = testing::private_directory();
     let lock = InstanceLock::acquire(root.path(), "bad")?;
     let launcher = Launcher::open(lock, 42, ClockMode::RealTime)?;
     let ours = RunArguments {

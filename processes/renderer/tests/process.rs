@@ -115,9 +115,7 @@ fn run(
     options: &RendererOptions,
     play: fn(Others) -> anyhow::Result<Vec<Display>>,
 ) -> anyhow::Result<(Vec<Display>, u64)> {
-    let root = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir()?;
+    let root = testing::private_directory();
     let lock = InstanceLock::acquire(root.path(), "render")?;
     let mut launcher = Launcher::open(lock, 42, clock)?;
     let process = |name: &str, index| RunArguments {

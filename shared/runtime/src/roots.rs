@@ -64,10 +64,7 @@ mod tests {
 
     #[test]
     fn a_runtime_directory_is_used_if_it_is_ours_alone_and_short_enough() {
-        let own = tempfile::Builder::new()
-            .permissions(PermissionsExt::from_mode(0o700))
-            .tempdir_in("/tmp")
-            .expect("a directory of our own");
+        let own = testing::private_directory();
         let (ours, tmp) = (own.path().join("mirror"), temporary());
         assert_eq!(choose(Some(own.path()), "lab"), ours);
         assert_eq!(choose(None, "lab"), tmp);

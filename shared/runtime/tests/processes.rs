@@ -9,7 +9,25 @@ use runtime::{
 };
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
-use support::{Child, Scratch, roles};
+use support::{Child, roles};
+use tempfile::TempDir;
+
+testing::stand_in!(
+    roles::play;
+    a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing,
+    gaps_are_counted,
+    gaps_count_from_the_start_of_the_run,
+    sigterm_is_a_clean_end,
+    what_a_killed_process_leaves_is_cleaned_and_its_successor_works,
+    children_end_with_a_killed_launcher_and_the_next_start_cleans,
+    another_layout_or_version_is_refused_with_both_named,
+    two_instances_never_meet,
+    two_groups_of_questions_are_on_their_way_at_once,
+    a_latecomer_gets_the_last_messages,
+    what_a_successor_repeats_is_heard_once,
+    a_lockstep_wait_notices_being_overtaken,
+    bad_names_and_arguments_are_refused_in_words,
+);
 
 #[global_allocator]
 static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
@@ -17,15 +35,7 @@ static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 /// Generous: only a broken build gets here.
 const PATIENCE_NS: u64 = 60_000_000_000;
 
-/// Not a test: what a child process does. Without a role it has nothing to do.
-#[test]
-fn child() {
-    if let Some(role) = support::role() {
-        roles::play(&role);
-    }
-}
-
-fn launcher(scratch: &Scratch, instance: &str) -> Launcher {
+fn launcher(scratch: &TempDir, instance: &str) -> Launcher {
     let lock = InstanceLock::acquire(scratch.path(), instance).expect("the instance is free");
     Launcher::open(lock, 7, runtime::ClockMode::Lockstep).expect("the launcher opens")
 }
@@ -65,9 +75,8 @@ fn node(launcher: &Launcher, process: &str) -> Node {
     Node::join(&arguments).expect("the test's own node joins")
 }
 
-#[test]
 fn a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "lockstep");
     let world = Child::spawn("world", &launcher.arguments().for_process("world", 0));
     let echo = Child::spawn("echo", &launcher.arguments().for_process("echo", 1));
@@ -105,9 +114,8 @@ fn a_lockstep_run_crosses_processes_loses_nothing_and_allocates_nothing() {
     );
 }
 
-#[test]
 fn gaps_are_counted() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "gaps");
     let node = node(&launcher, "slow");
     let options = InputOptions {
@@ -162,9 +170,8 @@ fn gaps_are_counted() {
     assert_eq!((count, recorder.lost()), (roles::TALK, 0));
 }
 
-#[test]
 fn gaps_count_from_the_start_of_the_run() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "early");
     // The gapper overflows its own input of eight between two looks at it.
     let gapper = Child::spawn("gapper", &launcher.arguments().for_process("gapper", 0));
@@ -181,9 +188,8 @@ fn gaps_count_from_the_start_of_the_run() {
     assert_eq!((report.ports[0].received, report.ports[0].lost), (16, 34));
 }
 
-#[test]
 fn sigterm_is_a_clean_end() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "term");
     let mut echo = Child::spawn("echo", &launcher.arguments().for_process("echo", 0));
     launcher
@@ -204,13 +210,12 @@ fn sigterm_is_a_clean_end() {
     assert_eq!(names, ["launcher"], "nothing of the echo is left");
 }
 
-fn nodes(scratch: &Scratch, name: &str) -> Vec<instance::NodeEntry> {
+fn nodes(scratch: &TempDir, name: &str) -> Vec<instance::NodeEntry> {
     instance::nodes(scratch.path(), name).expect("nodes can be listed")
 }
 
-#[test]
 fn what_a_killed_process_leaves_is_cleaned_and_its_successor_works() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "kill");
     // More often than a topic has places: what is not cleaned up would fill them.
     for index in 0..20 {
@@ -250,15 +255,14 @@ fn what_a_killed_process_leaves_is_cleaned_and_its_successor_works() {
     assert_clean(&scratch, "kill");
 }
 
-fn assert_clean(scratch: &Scratch, name: &str) {
+fn assert_clean(scratch: &TempDir, name: &str) {
     let left = runtime::list_instances(scratch.path()).expect("instances can be listed");
     assert!(left.iter().all(|state| state.instance != name), "{left:?}");
     assert!(!instance::directory(scratch.path(), name).exists());
 }
 
-#[test]
 fn children_end_with_a_killed_launcher_and_the_next_start_cleans() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut arguments =
         RunArguments::new(scratch.path(), "orphans", 7, runtime::ClockMode::Lockstep)
             .expect("a name");
@@ -313,9 +317,8 @@ fn children_end_with_a_killed_launcher_and_the_next_start_cleans() {
     assert_clean(&scratch, "orphans");
 }
 
-#[test]
 fn another_layout_or_version_is_refused_with_both_named() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "layout");
     let node = node(&launcher, "stranger");
     match node
@@ -351,9 +354,8 @@ fn another_layout_or_version_is_refused_with_both_named() {
         .expect("the right one is let in");
 }
 
-#[test]
 fn two_instances_never_meet() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let (a, b) = (launcher(&scratch, "a"), launcher(&scratch, "b"));
     let (node_a, node_b) = (node(&a, "one"), node(&b, "one"));
     let output = node_a
@@ -376,9 +378,8 @@ fn two_instances_never_meet() {
     assert_eq!(nodes(&scratch, "b").len(), 2);
 }
 
-#[test]
 fn two_groups_of_questions_are_on_their_way_at_once() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let mut launcher = launcher(&scratch, "imagine");
     let human = Child::spawn("human", &launcher.arguments().for_process("human", 0));
     let planner = Child::spawn("planner", &launcher.arguments().for_process("planner", 1));
@@ -409,9 +410,8 @@ fn two_groups_of_questions_are_on_their_way_at_once() {
     );
 }
 
-#[test]
 fn a_latecomer_gets_the_last_messages() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "late");
     let node = node(&launcher, "late");
     let output = node.output::<LidarFrame>(topic::LIDAR).expect("opens");
@@ -441,9 +441,8 @@ fn a_latecomer_gets_the_last_messages() {
 
 /// The successor of a process that died while it sent repeats its last words: some heard them, some did not. In real time a second
 /// display of a step shows a decision that came late.
-#[test]
 fn what_a_successor_repeats_is_heard_once() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "repeated");
     let node = node(&launcher, "repeated");
     let (first, second) = (
@@ -476,9 +475,8 @@ fn what_a_successor_repeats_is_heard_once() {
     assert_eq!(heard[1], [(0, 7), (0, 8), (1, 0)]);
 }
 
-#[test]
 fn a_lockstep_wait_notices_being_overtaken() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "overtaken");
     let mut node = node(&launcher, "one");
     let mut input = node
@@ -511,9 +509,8 @@ fn a_lockstep_wait_notices_being_overtaken() {
     );
 }
 
-#[test]
 fn bad_names_and_arguments_are_refused_in_words() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     for name in [
         "",
         "a/b",

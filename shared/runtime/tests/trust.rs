@@ -9,21 +9,25 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use support::{Child, Scratch, roles};
+use support::{Child, roles};
+use tempfile::TempDir;
+
+testing::stand_in!(
+    roles::play;
+    a_process_that_outlived_its_launcher_is_ended,
+    a_process_that_holds_no_node_is_never_signalled,
+    a_link_in_the_place_of_a_root_or_an_instance_is_not_followed,
+    a_directory_that_others_may_use_is_refused,
+    another_users_directory_is_refused,
+    only_what_the_program_made_is_removed,
+    what_somebody_else_put_in_shared_memory_is_refused_and_stays,
+);
 
 #[global_allocator]
 static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
-/// Not a test: what a child process does. Without a role it has nothing to do.
-#[test]
-fn child() {
-    if let Some(role) = support::role() {
-        roles::play(&role);
-    }
-}
-
 /// A process with a node in this instance that no launcher ends, once it is there.
-fn orphan(scratch: &Scratch, name: &str) -> Child {
+fn orphan(scratch: &TempDir, name: &str) -> Child {
     let arguments = RunArguments::new(scratch.path(), name, 7, runtime::ClockMode::Lockstep);
     let mut arguments = arguments.expect("a name").for_process("echo", 0);
     arguments.launcher_pid = 0;
@@ -52,9 +56,8 @@ fn has_ended(process: &impl AsRawFd) -> bool {
     unsafe { libc::poll(&mut poll, 1, 0) == 1 }
 }
 
-#[test]
 fn a_process_that_outlived_its_launcher_is_ended() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let orphan = orphan(&scratch, "orphan");
     let report = runtime::cleanup_dead(scratch.path(), "orphan").expect("cleaning works");
     assert_eq!(report.failed, 0);
@@ -64,9 +67,8 @@ fn a_process_that_outlived_its_launcher_is_ended() {
 }
 
 /// The process id that a node states may be somebody else's by now.
-#[test]
 fn a_process_that_holds_no_node_is_never_signalled() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let orphan = orphan(&scratch, "foreign");
     let mut innocent = Command::new("cat")
         .stdin(Stdio::piped())
@@ -109,7 +111,7 @@ fn a_process_that_holds_no_node_is_never_signalled() {
 }
 
 /// Something that looks like a person's home.
-fn home(scratch: &Scratch) -> std::path::PathBuf {
+fn home(scratch: &TempDir) -> std::path::PathBuf {
     let home = scratch.path().join("home");
     std::fs::create_dir_all(home.join("lab")).expect("made");
     std::fs::write(home.join("lab/thesis"), "years").expect("written");
@@ -153,9 +155,8 @@ fn refused_everywhere(root: &Path, what: &str, word: &str) {
     }
 }
 
-#[test]
 fn a_link_in_the_place_of_a_root_or_an_instance_is_not_followed() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let home = home(&scratch);
     let root = scratch.path().join("root");
     symlink(&home, &root).expect("linked");
@@ -175,9 +176,8 @@ fn a_link_in_the_place_of_a_root_or_an_instance_is_not_followed() {
     assert_untouched(&home);
 }
 
-#[test]
 fn a_directory_that_others_may_use_is_refused() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let home = home(&scratch);
     for mode in [0o755, 0o710, 0o701, 0o777, 0o1777] {
         std::fs::set_permissions(&home, PermissionsExt::from_mode(mode)).expect("set");
@@ -196,7 +196,6 @@ fn a_directory_that_others_may_use_is_refused() {
     assert_untouched(&home);
 }
 
-#[test]
 fn another_users_directory_is_refused() {
     // SAFETY: cannot fail.
     if unsafe { libc::geteuid() } != 0 {
@@ -206,7 +205,7 @@ fn another_users_directory_is_refused() {
         );
         return;
     }
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let home = home(&scratch);
     std::os::unix::fs::chown(home.join("lab"), Some(65534), None).expect("given away");
     refused_everywhere(&home, "another's instance", "belongs to user 65534");
@@ -215,9 +214,8 @@ fn another_users_directory_is_refused() {
     assert_untouched(&home);
 }
 
-#[test]
 fn only_what_the_program_made_is_removed() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let home = home(&scratch);
     let prefix = instance::prefix(scratch.path(), "mixed");
     let directory = instance::directory(scratch.path(), "mixed");
@@ -245,9 +243,8 @@ fn only_what_the_program_made_is_removed() {
 }
 
 /// In shared memory everybody may put a file: one that is not ours would be taken for a message's.
-#[test]
 fn what_somebody_else_put_in_shared_memory_is_refused_and_stays() {
-    let scratch = Scratch::new();
+    let scratch = testing::private_directory();
     let home = home(&scratch);
     let prefix = instance::prefix(scratch.path(), "planted");
     let planted = Path::new("/dev/shm").join(format!("{prefix}planted.data"));

@@ -43,14 +43,6 @@ fn config(scratch: &TempDir, name: &str) -> Config {
     config
 }
 
-/// A root of instances, which has to be this user's alone.
-fn private_directory() -> tempfile::TempDir {
-    tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-        .tempdir_in("/tmp")
-        .unwrap()
-}
-
 fn launcher(scratch: &TempDir, name: &str) -> Launcher {
     let lock = InstanceLock::acquire(scratch.path(), name).unwrap();
     Launcher::open(lock, 7, ClockMode::Lockstep).unwrap()
@@ -106,7 +98,7 @@ fn send_when_asleep<T>(launcher: &RunArguments, step: u32, sleep: impl FnOnce() 
 
 #[test]
 fn polling_alone_never_gets_out_of_it() {
-    let scratch = private_directory();
+    let scratch = testing::private_directory();
     let _launcher = launcher(&scratch, "bare");
     let config = config(&scratch, "bare");
     let node = NodeBuilder::new()
@@ -135,7 +127,7 @@ fn polling_alone_never_gets_out_of_it() {
 
 #[test]
 fn a_process_is_woken_by_the_next_notification_after_one_was_swallowed() {
-    let scratch = private_directory();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "swallowed");
     let mut node = join(launcher.arguments(), "sleeper");
     let mut frames: Input<LidarFrame> = node.input(topic::LIDAR, Receive::InOrder).unwrap();
@@ -159,7 +151,7 @@ fn a_process_is_woken_by_the_next_notification_after_one_was_swallowed() {
 
 #[test]
 fn what_nothing_wakes_a_process_for_is_found_by_looking_up_and_counted() {
-    let scratch = private_directory();
+    let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "lookup");
     let mut node = join(launcher.arguments(), "sleeper");
     let mut frames: Input<LidarFrame> = node.input(topic::LIDAR, Receive::InOrder).unwrap();

@@ -1,12 +1,31 @@
-//! What tests need of the machine beside a Rust toolchain, and what they say where it is missing.
+//! What tests of several crates need: directories of their own, a test program that also stands in for a process of a set
+//! ([`stand_in!`]), and what the machine has to offer beside a Rust toolchain.
 //!
 //! A test that cannot run here calls [`skipped`] and returns. The line that it writes is seen although the test passes, so
 //! that `.ci/run` counts and names all of them at its end. With `MIRROR_REQUIRE=all` in the environment a test that would
 //! be skipped fails instead.
 
+mod stand_in;
+
+pub use stand_in::{Stander, run};
+
 use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use tempfile::TempDir;
+
+/// A directory that is this user's alone, as roots of instances have to be; it goes with the value.
+///
+/// # Panics
+/// If it cannot be made.
+pub fn private_directory() -> TempDir {
+    // Below /tmp whatever `TMPDIR` says: the paths of sockets in it must not be long.
+    let made = tempfile::Builder::new()
+        .permissions(std::fs::Permissions::from_mode(0o700))
+        .tempdir_in("/tmp");
+    made.expect("a directory below /tmp")
+}
 
 /// Says that `test` is skipped here, and why.
 ///

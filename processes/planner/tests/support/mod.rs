@@ -138,10 +138,7 @@ impl Set {
         processes: &[&'static str],
         options: PlannerOptions,
     ) -> Self {
-        let root = tempfile::Builder::new()
-            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-            .tempdir_in("/tmp")
-            .expect("a temporary directory");
+        let root = testing::private_directory();
         let lock = InstanceLock::acquire(root.path(), "set").expect("nobody else is here");
         let mut launcher = Launcher::open(lock, 1, clock).expect("the instance opens");
         let arguments = |process: &str, index| RunArguments {

@@ -1,4 +1,4 @@
-//! Children, scratch directories and messages of wrong layouts.
+//! Children and messages of wrong layouts.
 #![allow(dead_code)] // Each test program uses its own part.
 
 pub mod roles;
@@ -7,37 +7,14 @@ use iceoryx2::prelude::ZeroCopySend;
 use messages::{Field, Header, Message};
 use runtime::RunArguments;
 use std::os::fd::{AsRawFd, OwnedFd};
-use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{ExitStatus, Stdio};
 
-const ROLE: &str = "MIRROR_TEST_ROLE";
 const RUN: &str = "MIRROR_TEST_RUN";
-
-/// The role that this process was started for, if it is a child.
-pub fn role() -> Option<String> {
-    std::env::var(ROLE).ok()
-}
 
 /// The run that this child joins.
 pub fn arguments() -> RunArguments {
     RunArguments::from_json(&std::env::var(RUN).expect("children have arguments"), RUN)
         .expect("valid arguments")
-}
-
-/// A root of instances that goes with the test.
-pub struct Scratch(tempfile::TempDir);
-
-impl Scratch {
-    pub fn new() -> Self {
-        let made = tempfile::Builder::new()
-            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700))
-            .tempdir_in("/tmp");
-        Self(made.expect("a temporary directory"))
-    }
-
-    pub fn path(&self) -> &Path {
-        self.0.path()
-    }
 }
 
 /// This test program once more, as another process.
@@ -48,9 +25,8 @@ pub struct Child {
 
 impl Child {
     pub fn spawn(role: &str, arguments: &RunArguments) -> Self {
-        let child = Command::new(std::env::current_exe().expect("a path"))
-            .args(["--exact", "child", "--nocapture", "--test-threads=1"])
-            .env(ROLE, role)
+        let child = testing::Stander::new(role)
+            .command()
             .env(RUN, arguments.to_json())
             .stdout(if role == "launcher" {
                 Stdio::piped()

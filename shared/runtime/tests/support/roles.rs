@@ -6,14 +6,15 @@ use runtime::{
     InputOptions, InstanceLock, Launcher, Node, NodeError, Receive, RunArguments, Stamp, Wake,
     now_ns,
 };
+use std::ffi::OsString;
 
 /// Steps of a lockstep run.
 pub const STEPS: u32 = 400;
 /// Messages of the talker.
 pub const TALK: u64 = 100;
 
-/// Plays a role to its end. A failure is reported and ends the process with a failing test.
-pub fn play(role: &str) {
+/// Plays a role to its end. A failure is reported and ends the process with a panic.
+pub fn play(role: &str, _: OsString) {
     let arguments = arguments();
     if role == "launcher" {
         return launcher(&arguments);
