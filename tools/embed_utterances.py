@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes shared/pretrained/utterances….safetensors: what each utterance of a domain looks like to the models.
 
-The sentences of utterances….json and their paraphrases are encoded by MiniLM-L6 (384 numbers each, DESIGN §4 Language) and
+The sentences of utterances….json and their paraphrases are encoded by MiniLM-L6 (384 numbers each) and
 reduced to a few latents (the highway's 19) by an autoencoder trained with the ELBO, as the paper does for GPT-2's embeddings (appendix, Search
 and Rescue). The decoder's deviation is learned with the rest, so that reconstruction and KL balance by likelihood and not
 by a weight that somebody chose.
@@ -31,7 +31,7 @@ from torch import nn
 import tensor_file
 
 ROOT = Path(__file__).resolve().parent.parent
-LATENT = 19  # DESIGN §11: text per sector is 19 latent numbers and the range
+LATENT = 19  # as in the authors' scripts: text per sector is 19 latent numbers and the range
 LONGEST_BYTES = 63  # an utterance travels as 64 zero-padded bytes
 STEPS = 3000  # the ELBO is flat from about 2000 on
 BATCH = 256

@@ -33,8 +33,8 @@ ROOT = Path(__file__).resolve().parent.parent
 # highway's, because the perceptual implant is made for them. One size serves all hidden layers, as in the Rust model.
 SMALL = Sizes(113, 36, 120, 6, 2, latent=12, transition_hidden=17, encoder_hidden=17, decoder_hidden=17)
 ACTION_EDGE = 0.97  # policy.rs: actions are kept this far inside (−1, 1)
-ACTION_WEIGHT = (0.1, 1.0)  # DESIGN §11: steering weighs 1, throttle 0.1
-RESIDUAL_PENALTY = 2.0  # DESIGN §11: squared-mean penalty
+ACTION_WEIGHT = (0.1, 1.0)  # the authors' scripts: steering weighs 1, throttle 0.1
+RESIDUAL_PENALTY = 2.0  # the authors' scripts: squared-mean penalty
 
 
 def rust_name(name):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""DESIGN §9's PyTorch column: the same work as our benchmarks, in eager PyTorch, on the machine at hand.
+"""The PyTorch column of docs/benchmarks.md: the same work as our benchmarks, in eager PyTorch, on the machine at hand.
 
     /tmp/venv/bin/python tools/pytorch_bench.py                        # all rows, 2 threads
     /tmp/venv/bin/python tools/pytorch_bench.py --only highway_plan --repeats 100
@@ -17,7 +17,7 @@ import torch
 from reference_model import GRIDWORLD, HIGHWAY, Implants, SelfModel, gaussian, nearest_range_m, random_steps, sample
 from reference_model import AZIMUTHS, BANDS, MAX_THRESHOLD_M
 
-SAMPLES, ITERATIONS, ELITES, HORIZON, REPEAT = 1000, 3, 200, 4, 2  # DESIGN §6: horizon 4 × 2 steps
+SAMPLES, ITERATIONS, ELITES, HORIZON, REPEAT = 1000, 3, 200, 4, 2  # the highway's defaults: horizon 4 × 2 steps
 SECTOR_OF = torch.tensor([0] + [1] * 9 + [2] * 8 + [3] + [4] * 8 + [5] * 9)
 ON_DISPLAY = torch.tensor([float(a <= 9 or a >= 27) for a in range(AZIMUTHS)])
 

@@ -10,11 +10,11 @@ import torch
 from torch import nn
 from torch.nn.functional import elu, softplus
 
-LEAST_DEVIATION = 1e-4  # DESIGN §5
+LEAST_DEVIATION = 1e-4  # nn: SMALLEST_DEVIATION
 RANGE_M = 40.0
 AZIMUTHS, BANDS, EGO = 36, 3, 5
 MAX_THRESHOLD_M = 41.0  # implants.rs: "sees that nothing is there" can be represented
-RESIDUAL_SCALE = 0.1  # DESIGN §11
+RESIDUAL_SCALE = 0.1  # the authors' scripts
 THRESHOLD_WIDTH_M = 4.0  # implants.rs: the slope that stands in for the step's
 
 

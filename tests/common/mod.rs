@@ -156,7 +156,12 @@ pub fn summary(path: &Path) -> serde_json::Value {
 
 /// What a running set says of itself; none if it is not there, or ends before it answers.
 pub fn status(instance: &str) -> Option<serde_json::Value> {
-    let socket = runtime::instance::directory(&root_for(instance), instance).join("launcher.sock");
+    status_in(&root_for(instance), instance)
+}
+
+/// As [`status`], of a set whose instances are below `root`.
+pub fn status_in(root: &Path, instance: &str) -> Option<serde_json::Value> {
+    let socket = runtime::instance::directory(root, instance).join("launcher.sock");
     let mut stream = std::os::unix::net::UnixStream::connect(socket).ok()?;
     stream.write_all(b"{\"command\":\"status\"}\n").ok()?;
     let mut line = String::new();

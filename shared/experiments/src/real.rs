@@ -1,4 +1,4 @@
-//! Real drivers (DESIGN §7.5): how well do human models that learned from some recorded people predict what others did? The
+//! Real drivers: how well do human models that learned from some recorded people predict what others did? The
 //! negative log-likelihood of recorded actions against the number of drivers learned from, drivers split, never frames.
 
 mod drivers;

@@ -1,5 +1,5 @@
-//! `communicate` (DESIGN §7.2; the paper's figure "Task Performance and Communication Amount"): what assistants with different human
-//! models earn for a person in the transfer setting, and how much they say for it.
+//! `communicate` (the paper's figure "Task Performance and Communication Amount"): what assistants with different human models
+//! earn for a person in the transfer setting, and how much they say for it.
 
 use super::Common;
 use super::communicate_report::Report;

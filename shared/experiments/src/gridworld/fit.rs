@@ -1,5 +1,5 @@
-//! `fit` (DESIGN §7.1; the paper's figure "Policy Negative Log-Likelihood"): how well each human model, having learned from a part of
-//! 20 rounds, predicts what the person does in rounds that nobody learned from, in the original and in the transfer setting.
+//! `fit` (the paper's figure "Policy Negative Log-Likelihood"): how well each human model, having learned from a part of 20 rounds,
+//! predicts what the person does in rounds that nobody learned from, in the original and in the transfer setting.
 
 use super::subject::{LEARNING, Lived, Place, TEST, VALIDATION, rounds_of};
 use super::units::{Done, Sheet, Unit, by_person, number, run as run_units};

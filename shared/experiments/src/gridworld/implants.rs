@@ -1,5 +1,5 @@
-//! `implants` in the gridworlds (DESIGN §7.3; the paper's appendix "Learnt perceptual implants"): what MIRROR found of people's sight
-//! against what they really see, in both settings.
+//! `implants` in the gridworlds (the paper's appendix "Learnt perceptual implants"): what MIRROR found of people's sight against
+//! what they really see, in both settings.
 
 use super::drawing::{Sketch, draw};
 use super::subject::{LEARNING, Lived, Place};

@@ -1,5 +1,5 @@
-//! The paper's studies in the three gridworlds (DESIGN §7.1–3): how well models fit people (`fit`), how well they serve an
-//! assistant (`communicate`), and what their perceptual implants found (`implants`).
+//! The paper's studies in the three gridworlds: how well models fit people (`fit`), how well they serve an assistant
+//! (`communicate`), and what their perceptual implants found (`implants`).
 //!
 //! [`subject`] has the people and their rounds, [`units`] runs a study in pieces that can be done in any order, on any core, and
 //! after any interruption, [`score`] measures likelihoods. Each study has a file of its own and one for its report.
