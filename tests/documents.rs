@@ -73,6 +73,14 @@ const SHORTER: &[(&str, &str)] = &[
         "mirror up --clock realtime --scene fast.toml --episodes 1 --planner none --human self",
     ),
     (
+        "mirror up --scene highway-recorded --driver sim:1 --fog 15",
+        "mirror up --scene highway-recorded --driver sim:1 --fog 15 --planner none --human self",
+    ),
+    (
+        "mirror up --scene highway-recorded --driver recorded:11",
+        "mirror up --scene highway-recorded --driver recorded:11 --planner none --human self",
+    ),
+    (
         "mirror up --human bc",
         "mirror up --human bc --scene driving-fog",
     ),
@@ -158,11 +166,11 @@ const SHORTER: &[(&str, &str)] = &[
     ),
     (
         "mirror evaluate fit --domain driving --out docs/gridworlds --results RESULTS.md",
-        "mirror evaluate fit --quick --people 1 --domain driving --out docs/gridworlds --results RESULTS.md",
+        "mirror evaluate fit --quick --people 1 --fractions 20 --domain driving --out docs/gridworlds --results RESULTS.md",
     ),
     (
         "mirror evaluate communicate --domain driving --out docs/gridworlds --results RESULTS.md",
-        "mirror evaluate communicate --quick --people 1 --domain driving --out docs/gridworlds --results RESULTS.md",
+        "mirror evaluate communicate --quick --people 1 --conditions nc,mirror --fractions 20 --domain driving --out docs/gridworlds --results RESULTS.md",
     ),
     (
         "mirror evaluate implants --domain driving --out docs/gridworlds --results RESULTS.md",
@@ -185,8 +193,16 @@ const PARSED: &[(&str, &str)] = &[
         "it would remove what others' dead runs left on this machine; tests/places.rs runs it",
     ),
     (
-        "mirror evaluate real --out docs/real --results RESULTS.md",
+        "mirror evaluate real --data commonroad --out docs/real --results RESULTS.md",
         "external data: a folder of CommonRoad scenarios with recorded drivers",
+    ),
+    (
+        "mirror up --scene USA_US101-4_1_T-1.xml --driver sim:1 --fog 15",
+        "external data: a CommonRoad scenario",
+    ),
+    (
+        "mirror evaluate real --quick --out out/real",
+        "a minute; tests/evaluate.rs runs the study",
     ),
     (
         "mirror evaluate all --out out/all",
