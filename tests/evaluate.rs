@@ -4,7 +4,7 @@ mod common;
 
 use common::{mirror, run, told};
 use domains::discrete::{Discrete, Domain, Scene, Setting, World};
-use models::discrete::{DiscreteModel, Sizes};
+use models::{SelfModel, Sizes};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use std::io::{BufRead, BufReader, Read};
@@ -31,7 +31,7 @@ impl Folder {
         let world = World::new(&Scene::of(Domain::Driving, Setting::Original), &words).unwrap();
         let layout = Arc::new(world.layout().clone());
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-        let model = DiscreteModel::new(Sizes::of(&layout), layout, rng);
+        let model = SelfModel::new(Sizes::of(&layout), layout, rng);
         model.save(&self.path("self.safetensors"), "tests").unwrap();
     }
 

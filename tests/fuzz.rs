@@ -9,8 +9,9 @@ mod mutate;
 
 use common::{mirror, run, told};
 use domains::discrete::{self, Discrete, SimulatedPerson};
+use domains::highway::modalities::layout;
 use domains::highway::{self, Cockpit, Person, SimulatedDriver};
-use models::discrete::DiscreteModel;
+use models::{Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
 use mutate::Mutator;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -273,46 +274,36 @@ fn models_and_what_was_learned() {
         vec![std::fs::read(&file).unwrap()]
     };
     // The highway's: a self-model, implants, a policy.
-    let sizes = models::self_model::Sizes {
+    let highway = layout();
+    let sizes = Sizes::of(&highway).with_hidden(4);
+    let model = SelfModel::new(sizes, highway.clone(), rng);
+    let implants = Implants::new(&model, true, rng);
+    let policy_sizes = RecurrentSizes {
         hidden: 4,
-        ..models::self_model::Sizes::HIGHWAY
+        ..RecurrentSizes::of(&highway, 1)
     };
-    let model = models::SelfModel::new(sizes, rng);
-    let implants = models::Implants::new(sizes.latent, sizes.shape.action, true, rng);
-    let policy_sizes = models::recurrent::RecurrentSizes {
-        hidden: 4,
-        layers: 1,
-        ..models::recurrent::RecurrentSizes::HIGHWAY
+    let person = PersonalPolicy {
+        policy: RecurrentPolicy::new(policy_sizes, &highway, rng),
+        limits: vec![10.0; highway.perception.limits()],
+        heard: 0,
     };
-    let policy = models::recurrent::RecurrentPolicy::new(policy_sizes, rng);
-    let original =
-        bytes_of(&|path| models::checkpoint::save_self_model(path, &model, "tests").unwrap());
+    let original = bytes_of(&|path| model.save(path, "tests").unwrap());
     fuzz.read(&original, 150, &|path| {
-        refusal(models::checkpoint::load_self_model(path)).map(drop)
+        refusal(SelfModel::load(path, highway.clone())).map(drop)
     });
     fuzz.refuse_by_program(&|path| up("--self-model", path, ""));
     fuzz.refused.clear();
-    let original = bytes_of(&|path| {
-        models::checkpoint::save_implants(path, &implants, &model, "tests").unwrap()
-    });
+    let original = bytes_of(&|path| implants.save(path, &model, 0, "tests").unwrap());
     fuzz.read(&original, 100, &|path| {
-        refusal(models::checkpoint::load_implants(path, &model)).map(drop)
+        refusal(Implants::load(path, &model)).map(drop)
     });
     fuzz.refused.clear();
-    let visible_m = [10.0; models::observation::AZIMUTHS];
     let original = bytes_of(&|path| {
-        models::recurrent_file::save_policy(
-            path,
-            models::Kind::Bc,
-            &policy,
-            &visible_m,
-            "tests",
-            &[],
-        )
-        .unwrap();
+        let saved = person.save(path, Kind::Bc, &highway, "tests", &[]);
+        saved.unwrap();
     });
     fuzz.read(&original, 100, &|path| {
-        refusal(models::recurrent_file::load_policy(path, models::Kind::Bc)).map(drop)
+        refusal(PersonalPolicy::load(path, Kind::Bc, &highway)).map(drop)
     });
     fuzz.refused.clear();
     // A gridworld's.
@@ -320,18 +311,18 @@ fn models_and_what_was_learned() {
     let layout = models::words::layout_of(&scene).unwrap();
     let original = shipped(&["shared/pretrained/driving-self.safetensors"]);
     fuzz.read(&original, 100, &|path| {
-        refusal(DiscreteModel::load(path, layout.clone())).map(drop)
+        refusal(SelfModel::load(path, layout.clone())).map(drop)
     });
-    let model = DiscreteModel::load(
+    let model = SelfModel::load(
         &project("shared/pretrained/driving-self.safetensors"),
         layout,
     )
     .unwrap();
-    let implants = models::discrete::Implants::new(&model, true, rng);
+    let implants = Implants::new(&model, true, rng);
     let original = bytes_of(&|path| implants.save(path, &model, 0, "tests").unwrap());
     fuzz.refused.clear();
     fuzz.read(&original, 100, &|path| {
-        refusal(models::discrete::Implants::load(path, &model)).map(drop)
+        refusal(Implants::load(path, &model)).map(drop)
     });
 }
 
@@ -349,7 +340,7 @@ fn checkpoints_of_training() {
         gradient_steps: 1,
         sequences: 4,
         length: 4,
-        ..training::discrete::Settings::of(domain)
+        ..training::discrete::Settings::of(domain.name())
     };
     let mut trainer = training::discrete::Trainer::new(world(), settings);
     trainer.phase();

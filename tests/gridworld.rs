@@ -6,14 +6,12 @@ mod common;
 use common::{
     Bench, Live, assert_no_message_lost, assert_nothing_left, instance, mirror, run, summary, told,
 };
-use domains::discrete::{Discrete, Mask, Mind, Scene, SimulatedPerson, Words, World};
-use models::discrete::human_file::load_human;
-use models::discrete::{DiscreteModel, IdealHuman, Implants, Sizes};
-use models::{HumanModel, Kind};
-
-use planning::discrete::settings_of;
+use domains::discrete::{Discrete, Mind, Scene, SimulatedPerson, Words, World};
+use domains::{Layout, Mask};
+use models::{Communicated, HumanModel, IdealHuman, Implants, Kind, SelfModel, Sizes, load_human};
+use planning::items::settings_of;
 use planning::round::{Advice, play};
-use planning::{DiscreteAssistant, Method};
+use planning::{Assistant, Method, Moment};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use replay::Drive;
@@ -39,7 +37,7 @@ struct Grid {
     file: PathBuf,
     scene: Scene,
     words: Words,
-    model: Arc<DiscreteModel>,
+    model: Arc<SelfModel>,
 }
 
 impl Grid {
@@ -50,7 +48,7 @@ impl Grid {
         let words = models::words::shipped(scene.domain()).unwrap();
         let layout = models::words::layout_of(&scene).unwrap();
         let rng = &mut ChaCha8Rng::seed_from_u64(1);
-        let model = DiscreteModel::new(Sizes::of(&layout), layout, rng);
+        let model = SelfModel::new(Sizes::of(&layout), layout, rng);
         let (of_robot, of_person) = (bench.path("grid.safetensors"), bench.path("person"));
         model.save(&of_robot, "tests").unwrap();
         let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(2));
@@ -89,21 +87,21 @@ impl Grid {
 
     fn human(&self, kind: &str) -> Box<dyn HumanModel> {
         if kind == "ideal" {
-            let actions = self.model.layout.actions;
+            let actions = self.model.layout.actions.rows();
             return Box::new(IdealHuman::new(self.person(), actions));
         }
         let file = self.bench.path("person");
         load_human(Some(&file), Kind::Mirror, &self.model).unwrap()
     }
 
-    fn assistant(&self, (kind, planner): (&str, &str)) -> DiscreteAssistant {
+    fn assistant(&self, (kind, planner): (&str, &str)) -> Assistant<Arc<Layout>> {
         let settings = settings_of(self.scene.planning());
         let method = match planner {
             "kl" => Method::Kl,
             _ => Method::Ce,
         };
-        let model = Arc::clone(&self.model);
-        DiscreteAssistant::with_method(model, self.human(kind), settings, method)
+        let (model, layout) = (Arc::clone(&self.model), Arc::clone(&self.model.layout));
+        Assistant::new(model, self.human(kind), settings, method, layout)
     }
 }
 
@@ -127,7 +125,8 @@ fn in_one_process(grid: &Grid, who: (&str, &str), episode: u32) -> (Vec<Step>, f
     let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
     world.reset(SEED, episode, episode);
     person.reset(SEED, episode);
-    let (mut steps, mut told, mut taken) = (Vec::new(), Mask::NONE, None);
+    let (mut steps, mut told) = (Vec::new(), Mask::NONE);
+    let mut taken = vec![0.0; layout.actions.rows()];
     let (mut reward, mut log_likelihood) = (0.0, None);
     while world.end().is_running() {
         let step = steps.len() as u32;
@@ -136,11 +135,21 @@ fn in_one_process(grid: &Grid, who: (&str, &str), episode: u32) -> (Vec<Step>, f
         person.perceive(&visual, &verbal, seen | told);
         let choice = person.act();
         let at = [SEED, u64::from(episode), u64::from(step)];
-        assistant.observe(&visual, &verbal, told, taken, at);
-        let next = assistant.expected_action().log_probability.column(0)[choice];
-        let plan = assistant.decide(Some(choice), SEED, episode, step).unwrap();
+        let items = Communicated::items(told);
+        assistant.observe(&visual, &verbal, items, &taken, at);
+        let expected = assistant.expected_action().log_probability().unwrap();
+        let next = expected.column(0)[choice];
+        taken.fill(0.0);
+        taken[choice] = 1.0;
+        let moment = Moment {
+            seed: SEED,
+            episode,
+            step,
+            speech_ready_steps: 0,
+        };
+        let plan = assistant.search(Some(&taken), moment).unwrap();
         let items = 0..layout.regions + layout.utterances;
-        let decided = Mask::from(plan.communicated);
+        let decided = plan.communicated.mask();
         steps.push(Step {
             choice: choice as u32,
             told,
@@ -152,7 +161,7 @@ fn in_one_process(grid: &Grid, who: (&str, &str), episode: u32) -> (Vec<Step>, f
         });
         log_likelihood = Some(f32::to_bits(next));
         reward += world.step(choice).reward;
-        (told, taken) = (decided, Some(choice));
+        told = decided;
     }
     (steps, reward)
 }
@@ -182,11 +191,11 @@ fn recorded(grid: &Grid, drive: &Drive, episode: u32) -> (Vec<Step>, f32) {
         steps.push(Step {
             choice: action.choice,
             told: Mask {
-                visual: display.highlighted,
+                visual: u64::from(display.highlighted),
                 verbal: display.said(),
             },
             decided: Mask {
-                visual: next.visual,
+                visual: u64::from(next.visual),
                 verbal: next.verbal,
             },
             probabilities: both.map(|p| p.to_bits()).collect(),

@@ -3,8 +3,8 @@
 //! Runs `mirror up --planner none --human self` over the six cases again and again, with the self-model that ships or,
 //! where none does, one of its sizes that learned nothing (which costs the same), and divides.
 
-use models::SelfModel;
-use models::self_model::Sizes;
+use domains::highway::modalities::layout;
+use models::{SelfModel, Sizes};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use std::error::Error;
@@ -21,12 +21,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut model = std::path::PathBuf::from(shipped);
     if !model.exists() {
         model = directory.path().join("self.safetensors");
-        let untrained = SelfModel::new(Sizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(1));
-        models::checkpoint::save_self_model(
-            &model,
-            &untrained,
-            "cargo bench -p mirror --bench tick",
-        )?;
+        let untrained = SelfModel::new(
+            Sizes::of(&layout()),
+            layout(),
+            &mut ChaCha8Rng::seed_from_u64(1),
+        );
+        untrained.save(&model, "cargo bench -p mirror --bench tick")?;
     }
     let file = directory.path().join("summary.json");
     let mut ticks = Vec::new();

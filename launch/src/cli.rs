@@ -451,20 +451,34 @@ pub struct TrainHumanArguments {
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
     /// What `mirror demos` recorded
-    #[arg(long, value_name = "FILE.safetensors")]
-    pub demos: PathBuf,
+    #[arg(
+        long,
+        value_name = "FILE.safetensors",
+        required_unless_present = "print_config"
+    )]
+    pub demos: Option<PathBuf>,
     /// In a gridworld, rounds of the same person in the original setting, from which `bc` and `sqil` learn too
     #[arg(long, value_name = "FILE.safetensors")]
     pub original: Option<PathBuf>,
     /// Where to write what was learned, for `mirror up --implants`
-    #[arg(long, value_name = "FILE.safetensors")]
-    pub out: PathBuf,
+    #[arg(
+        long,
+        value_name = "FILE.safetensors",
+        required_unless_present = "print_config"
+    )]
+    pub out: Option<PathBuf>,
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// Seed of the first weights and of the noise
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Settings other than those that ship: a TOML file, or a part of one; docs/learn.md says more
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath)]
+    pub config: Option<PathBuf>,
+    /// Print the settings that this would use, as --config takes them, and do nothing
+    #[arg(long)]
+    pub print_config: bool,
 }
 
 /// Options of `mirror train self`.
@@ -474,8 +488,12 @@ pub struct TrainSelfArguments {
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
     /// Where to write the model; what is needed to continue goes to FILE.training.safetensors
-    #[arg(long, value_name = "FILE.safetensors")]
-    pub out: PathBuf,
+    #[arg(
+        long,
+        value_name = "FILE.safetensors",
+        required_unless_present = "print_config"
+    )]
+    pub out: Option<PathBuf>,
     /// Seed of everything that is random [default: 0]
     #[arg(long, value_name = "N", conflicts_with = "resume")]
     pub seed: Option<u64>,
@@ -491,4 +509,10 @@ pub struct TrainSelfArguments {
     /// Write one line of JSON per episode, or phase, to this file
     #[arg(long, value_name = "FILE.jsonl")]
     pub metrics: Option<PathBuf>,
+    /// Settings other than those that ship: a TOML file, or a part of one; docs/learn.md says more
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, conflicts_with = "resume")]
+    pub config: Option<PathBuf>,
+    /// Print the settings that this would use, as --config takes them, and do nothing
+    #[arg(long)]
+    pub print_config: bool,
 }

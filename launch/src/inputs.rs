@@ -105,7 +105,7 @@ pub fn self_model(given: Option<&Path>) -> Result<(PathBuf, SelfModel)> {
         Some(path) => model_file(path)?,
         None => models::shipped::path(models::shipped::HIGHWAY),
     };
-    let model = models::checkpoint::load_self_model(&path)?;
+    let model = SelfModel::load(&path, domains::highway::modalities::layout())?;
     Ok((path, model))
 }
 

@@ -4,14 +4,13 @@
 
 use crate::console::out;
 use crate::place;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use models::{Beliefs, Implants, SelfHuman};
 use nn::Tensor;
 use planning::planner::{From, GROUPS, Planner};
 use planning::{Settings, ThreadedPeople};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scenario::Scenario;
 use std::time::{Duration, Instant};
 
 /// The scene of `mirror up` without options.
@@ -89,9 +88,7 @@ impl Pace {
 fn measure() -> Result<Pace> {
     let (scene, _) = place::scene(SCENE, None, "sim:1")?;
     let settings = place::settings(&scene)?;
-    let (_, Scenario::Highway(model)) = place::self_model(None, &scene.scenario)? else {
-        bail!("{SCENE} is a scene of the highway");
-    };
+    let (_, model) = place::self_model(None, &scene.scenario)?;
     let latent = model.sizes.latent;
     let (mut mean, mut std) = (Tensor::new(latent, 1), Tensor::new(latent, 1));
     nn::noise::fill(mean.data_mut(), 5, 0);
@@ -102,13 +99,8 @@ fn measure() -> Result<Pace> {
     person.deviation.copy_from(&std);
     let shape = model.sizes.shape;
     // What the implants have learned takes no time: these have learned nothing.
-    let implants = Implants::new(
-        latent,
-        shape.action,
-        true,
-        &mut ChaCha8Rng::seed_from_u64(1),
-    );
-    let human = SelfHuman::new(model.clone(), Some(implants));
+    let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(1));
+    let human = SelfHuman::new(model.clone(), Some(implants), 0);
     let mut people = ThreadedPeople::spawn(human, person, settings.samples / GROUPS, &shape);
     let mut planner = Planner::new(settings, &model);
     let mut plans_ms = Vec::new();

@@ -8,13 +8,13 @@ use crate::gridworld;
 use crate::inputs;
 use crate::screen::Progress;
 use anyhow::{Context, Result, anyhow, ensure};
-use domains::highway::{Person, Scene};
+use domains::highway::{Person, Scene, modalities};
 use driver::Driving;
-use models::recurrent_file::save_policy;
 use models::{Kind, SelfModel};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
+use training::config::{self, HighwayConfig};
 use training::demonstrations::{Demonstrations, record_in};
 use training::implants::{Settings, learn};
 use training::policies::{self, Expert, Learned};
@@ -87,32 +87,41 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
     if let Some(domain) = arguments.domain.gridworld() {
         return gridworld::learn::train_human(arguments, domain);
     }
+    let config = HighwayConfig::load(modalities::NAME, arguments.config.as_deref());
+    let config = config.map_err(Failure::refused)?;
+    if arguments.print_config {
+        out!("{}", config.to_toml().trim_end());
+        return Ok(ExitCode::SUCCESS);
+    }
     let plan = || -> Result<_> {
-        let out = inputs::writable("--out", &arguments.out)?;
+        let out = arguments.out.as_deref().context("--out: which file?")?;
+        let out = inputs::writable("--out", out)?;
+        let demos = arguments.demos.as_deref().context("--demos: which file?")?;
         let kind = inputs::human("--kind", &arguments.kind)?;
         ensure!(
             arguments.original.is_none(),
             "--original: on the highway an expert's rounds in clear weather stand in for these"
         );
         let (_, model) = inputs::self_model(arguments.self_model.as_deref())?;
-        Ok((out, kind, model, Demonstrations::load(&arguments.demos)?))
+        Ok((out, demos, kind, model, Demonstrations::load(demos)?))
     };
-    let (out, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
+    let (out, demos, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
     let said = learn_to(
         &out,
         kind,
         &demonstrations,
         &model,
+        &config,
         arguments.seed,
         "learning",
     )
-    .with_context(|| arguments.demos.display().to_string())
+    .with_context(|| demos.display().to_string())
     .map_err(Failure::refused)?;
     let lengths = demonstrations.rounds.iter().map(|round| round.steps.len());
     let least = match kind {
         Kind::Bc => 1,
-        Kind::Sqil => training::sqil::Settings::default().window,
-        _ => Settings::default().least_steps(&demonstrations),
+        Kind::Sqil => config.sqil.window,
+        _ => config.implants.least_steps(&demonstrations),
     };
     let rounds = rounds_in_words(lengths, least);
     out!("{}: learned from {rounds}; {said}", out.display());
@@ -166,7 +175,16 @@ pub fn at_start(
         "learning what person {} sees and does from {ROUNDS} rounds",
         person.id
     );
-    learn_to(path, kind, &demonstrations, model, 0, &text).context("learning the human model")?;
+    learn_to(
+        path,
+        kind,
+        &demonstrations,
+        model,
+        config::highway(),
+        0,
+        &text,
+    )
+    .context("learning the human model")?;
     Ok(())
 }
 
@@ -176,12 +194,13 @@ fn learn_to(
     kind: Kind,
     demonstrations: &Demonstrations,
     model: &SelfModel,
+    config: &HighwayConfig,
     seed: u64,
     title: &str,
 ) -> Result<String> {
     match kind {
-        Kind::Bc | Kind::Sqil => policy_to(path, kind, demonstrations, seed, title),
-        _ => implant_to(path, kind, demonstrations, model, seed, title),
+        Kind::Bc | Kind::Sqil => policy_to(path, kind, demonstrations, config, seed, title),
+        _ => implant_to(path, kind, demonstrations, model, config, seed, title),
     }
 }
 
@@ -190,12 +209,13 @@ fn implant_to(
     kind: Kind,
     demonstrations: &Demonstrations,
     model: &SelfModel,
+    config: &HighwayConfig,
     seed: u64,
     title: &str,
 ) -> Result<String> {
     let settings = Settings {
         seed,
-        ..Settings::default()
+        ..config.implants
     };
     let iterations = settings.iterations * settings.starts_m.len();
     let progress = Progress::new(title, iterations as u64);
@@ -204,7 +224,7 @@ fn implant_to(
     });
     progress.finish();
     let learned = learned?;
-    models::checkpoint::save_implants(path, &learned.implants, model, &command_line())?;
+    learned.implants.save(path, model, 0, &command_line())?;
     let last = learned.losses.last().copied().unwrap_or(f32::NAN);
     Ok(format!("last loss {last:.4}"))
 }
@@ -213,6 +233,7 @@ fn policy_to(
     path: &Path,
     kind: Kind,
     demonstrations: &Demonstrations,
+    config: &HighwayConfig,
     seed: u64,
     title: &str,
 ) -> Result<String> {
@@ -221,6 +242,7 @@ fn policy_to(
         kind,
         demonstrations,
         &Expert::default(),
+        config,
         seed,
         &|done, most, word| {
             let progress = progress.get_or_init(|| Progress::new(title, most));
@@ -230,13 +252,10 @@ fn policy_to(
     if let Some(progress) = progress.get() {
         progress.finish();
     }
-    let Learned {
-        policy,
-        visible_m,
-        about,
-    } = learned?;
+    let Learned { person, about } = learned?;
     let notes = [("mirror.learning", about.clone())];
-    save_policy(path, kind, &policy, &visible_m, &command_line(), &notes)?;
+    let layout = modalities::layout();
+    person.save(path, kind, &layout, &command_line(), &notes)?;
     Ok(about)
 }
 

@@ -2,13 +2,13 @@
 
 use crate::gridworld;
 use crate::learn;
-use crate::place::{RobotModel, RunScenario, Who};
+use crate::place::{RunScenario, Who};
 use anyhow::{Context, Result, bail, ensure};
 use driver::{Acting, Driving};
-use models::Kind;
-use models::discrete::human_file::load_human;
+use models::{Kind, SelfModel, load_human};
 use scenario::Scenario;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Where what a human model learned of the person comes from: implants, or the policy of `bc` and `sqil`.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,10 +29,10 @@ pub fn implants(
     given: Option<&Path>,
     human: Kind,
     who: &Who,
-    model: &RobotModel,
+    model: &Arc<SelfModel>,
 ) -> Result<ImplantSource> {
     ensure!(
-        human != Kind::Ideal || matches!(model, Scenario::Gridworld(_)),
+        human != Kind::Ideal || matches!(who, Scenario::Gridworld(_)),
         "--human ideal: the simulated person's own model is for the gridworlds; of a driver on the highway there is none"
     );
     if !human.learns() {
@@ -50,26 +50,7 @@ pub fn implants(
         return Ok(ImplantSource::Learn(Box::new(who.clone())));
     };
     let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
-    let model = match model {
-        Scenario::Highway(model) => model,
-        Scenario::Gridworld(model) => {
-            load_human(Some(&path), human, model)?;
-            return Ok(ImplantSource::File(path));
-        }
-    };
-    if !human.is_self_model() {
-        models::recurrent_file::load_policy(&path, human)?;
-        return Ok(ImplantSource::File(path));
-    }
-    let implants = models::checkpoint::load_implants(&path, model)?;
-    let has_policy = implants.has_policy();
-    ensure!(
-        has_policy == (human == Kind::Mirror),
-        "{}: has {} policy implant, which is not human model `{}`",
-        path.display(),
-        if has_policy { "a" } else { "no" },
-        human.name()
-    );
+    load_human(Some(&path), human, model)?;
     Ok(ImplantSource::File(path))
 }
 
@@ -81,20 +62,14 @@ pub fn learn_at_start(
     scenario: &RunScenario,
     who: &Who,
     kind: Kind,
-    model: &RobotModel,
+    model: &Arc<SelfModel>,
     path: &Path,
 ) -> Result<()> {
-    match (scenario, who, model) {
-        (
-            Scenario::Highway(road),
-            Scenario::Highway(Driving::Simulated(person)),
-            Scenario::Highway(model),
-        ) => learn::at_start(&road.scene, person, kind, model, path),
-        (
-            Scenario::Gridworld((scene, _)),
-            Scenario::Gridworld(acting),
-            Scenario::Gridworld(model),
-        ) => {
+    match (scenario, who) {
+        (Scenario::Highway(road), Scenario::Highway(Driving::Simulated(person))) => {
+            learn::at_start(&road.scene, person, kind, model, path)
+        }
+        (Scenario::Gridworld((scene, _)), Scenario::Gridworld(acting)) => {
             let person = match acting {
                 Acting::Shipped(id) => id.to_string(),
                 Acting::File(file) => file.display().to_string(),

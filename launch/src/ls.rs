@@ -7,7 +7,7 @@ use crate::cli::ListArguments;
 use crate::columns;
 use crate::console::out;
 use crate::failure::Failure;
-use crate::up::activity::Activity;
+use crate::up::activity::GroupActivity;
 use crate::up::control_socket::{self, Question};
 use anyhow::Context;
 use runtime::instance::{directory, lookup_roots};
@@ -196,7 +196,7 @@ fn from_outside(state: &InstanceState, launcher: u32) -> Vec<Process> {
 
 /// Whether the system has stopped a process, as Ctrl-Z and SIGSTOP do.
 fn is_stopped(pid: u32) -> bool {
-    Activity::of_process(pid).is_some_and(|activity| activity.is_stopped)
+    GroupActivity::of_process(pid).is_some_and(|activity| activity.is_stopped)
 }
 
 fn show(set: &Running) {

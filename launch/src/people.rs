@@ -7,7 +7,7 @@ use crate::failure::Failure;
 use crate::gridworld;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use domains::discrete::{self, Mind, Perception, Setting, SimulatedPerson};
+use domains::discrete::{self, Limits, Mind, Setting, SimulatedPerson};
 use domains::{bomb_defusal, driving, highway, search_rescue};
 use serde::Serialize;
 use std::process::ExitCode;
@@ -119,13 +119,13 @@ fn in_gridworld(domain: discrete::Domain, id: u32) -> Result<Row> {
     let scene = discrete::Scene::of(domain, Setting::Transfer);
     let words = gridworld::inputs::words(domain)?;
     let person = SimulatedPerson::builtin(&scene, id, &words)?;
-    let sees = match person.sight().perception {
-        Perception::Thresholds([ahead_cells, _, behind_cells, _]) => Sees::Cells {
+    let sees = match person.sight().limits {
+        Limits::Thresholds([ahead_cells, _, behind_cells, _]) => Sees::Cells {
             ahead_cells,
             behind_cells,
         },
-        Perception::Radius(radius_cells) => Sees::Radius { radius_cells },
-        Perception::Probabilities([notice_per_step, ..]) => Sees::Chance { notice_per_step },
+        Limits::Radius(radius_cells) => Sees::Radius { radius_cells },
+        Limits::Probabilities([notice_per_step, ..]) => Sees::Chance { notice_per_step },
     };
     let parameters = match domain {
         discrete::Domain::Driving => Parameters::Driving(driving::Person::builtin(id)?),

@@ -4,13 +4,13 @@
 use crate::gridworld;
 use crate::inputs;
 use anyhow::{Context, Result, bail, ensure};
+use domains::Layout;
 use domains::commonroad;
-use domains::discrete::{self, Layout};
+use domains::discrete;
 use domains::highway::Scene;
 use domains::highway::speech::SECTOR_NAMES;
 use driver::{Acting, Driving};
 use models::SelfModel;
-use models::discrete::DiscreteModel;
 use planning::Settings;
 use scenario::Scenario;
 use std::path::{Path, PathBuf};
@@ -40,9 +40,6 @@ pub struct NamedPerson {
     /// As on the command line.
     pub name: String,
 }
-
-/// The robot's self-model.
-pub type RobotModel = Scenario<Arc<SelfModel>, Arc<DiscreteModel>>;
 
 /// What the items that can be communicated are called.
 #[derive(Clone, Copy, Debug)]
@@ -280,7 +277,7 @@ fn highway(scene: Scene, recording: Option<PathBuf>) -> RunScenario {
 pub fn settings(scene: &NamedScene) -> Result<Settings> {
     let settings = match &scene.scenario {
         Scenario::Highway(road) => highway_settings(&road.scene, &scene.name)?,
-        Scenario::Gridworld((scene, _)) => planning::discrete::settings_of(scene.planning()),
+        Scenario::Gridworld((scene, _)) => planning::items::settings_of(scene.planning()),
     };
     match settings.problem() {
         Some(problem) => bail!("{}: [planning]: {problem}", scene.name),
@@ -319,15 +316,15 @@ fn highway_settings(scene: &Scene, name: &str) -> Result<Settings> {
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn self_model(given: Option<&Path>, scenario: &RunScenario) -> Result<(PathBuf, RobotModel)> {
+pub fn self_model(
+    given: Option<&Path>,
+    scenario: &RunScenario,
+) -> Result<(PathBuf, Arc<SelfModel>)> {
     match scenario {
         Scenario::Highway(_) => {
             let (path, model) = inputs::self_model(given)?;
-            Ok((path, Scenario::Highway(Arc::new(model))))
+            Ok((path, Arc::new(model)))
         }
-        Scenario::Gridworld((scene, _)) => {
-            let (path, model) = gridworld::inputs::self_model(scene.domain(), given)?;
-            Ok((path, Scenario::Gridworld(model)))
-        }
+        Scenario::Gridworld((scene, _)) => gridworld::inputs::self_model(scene.domain(), given),
     }
 }

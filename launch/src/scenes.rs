@@ -4,10 +4,11 @@ use crate::cli::{DEFAULT_SCENE, ListArguments};
 use crate::columns;
 use crate::console::out;
 use crate::failure::Failure;
-use crate::place::{self, Place};
+use crate::place;
 use anyhow::{Context, Result};
 use domains::discrete::{self, Setting};
 use domains::highway;
+use scenario::Scenario;
 use serde::Serialize;
 use std::process::ExitCode;
 
@@ -105,8 +106,9 @@ fn row(name: &'static str) -> Result<Row> {
     // Who drives makes no difference to what is said of a scene.
     let (scene, _) = place::scene(name, None, "sim:1")?;
     let step_s = scene.step_s();
-    let row = match &scene.place {
-        Place::Highway(highway, _) => {
+    let row = match &scene.scenario {
+        Scenario::Highway(road) => {
+            let highway = &road.scene;
             let limits = highway.fog.map(|fog| Limits::Fog {
                 front_m: fog.front_m,
                 side_m: fog.side_m,
@@ -125,7 +127,7 @@ fn row(name: &'static str) -> Result<Row> {
                 max_steps: highway.episode.max_steps,
             }
         }
-        Place::Gridworld(scene, _) => {
+        Scenario::Gridworld((scene, _)) => {
             let limits = limits_of(scene);
             Row {
                 name,

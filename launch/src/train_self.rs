@@ -8,13 +8,14 @@ use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
 use anyhow::{Context, Result, ensure};
-use domains::highway::Scene;
+use domains::highway::{Scene, modalities};
 use models::utterances::UtteranceTable;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use training::config::HighwayConfig;
 use training::self_model::{Settings, Trainer};
 
 /// Episodes from one checkpoint to the next.
@@ -27,7 +28,12 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
     if let Some(domain) = arguments.domain.gridworld() {
         return gridworld::train_self::train_self(arguments, domain);
     }
-    let (mut trainer, out) = prepare(arguments).map_err(Failure::refused)?;
+    let config = configured(arguments).map_err(Failure::refused)?;
+    if arguments.print_config {
+        out!("{}", config.to_toml().trim_end());
+        return Ok(ExitCode::SUCCESS);
+    }
+    let (mut trainer, out) = prepare(arguments, &config).map_err(Failure::refused)?;
     let checkpoint = checkpoint_of(&out);
     let mut metrics = arguments
         .metrics
@@ -59,7 +65,9 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
         }
     }
     progress.finish();
-    models::checkpoint::save_self_model(&out, &trainer.model, &command_line())
+    trainer
+        .model
+        .save(&out, &command_line())
         .map_err(anyhow::Error::from)?;
     let (reward, collisions) = trainer.evaluate(EVALUATED);
     out!(
@@ -74,12 +82,22 @@ pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
-    let out = outputs(arguments)?;
+/// The settings that were asked for.
+fn configured(arguments: &TrainSelfArguments) -> Result<HighwayConfig> {
     ensure!(
         arguments.phases.is_none(),
         "--phases: only the gridworlds count in phases, the highway's training in --episodes"
     );
+    let mut config = HighwayConfig::load(modalities::NAME, arguments.config.as_deref())?;
+    config.network.sizes(&modalities::layout())?;
+    if let Some(episodes) = arguments.episodes {
+        config.self_model.episodes = episodes;
+    }
+    Ok(config)
+}
+
+fn prepare(arguments: &TrainSelfArguments, config: &HighwayConfig) -> Result<(Trainer, PathBuf)> {
+    let out = outputs(arguments)?;
     let scene = Arc::new(Scene::builtin("highway-clear")?);
     let table = UtteranceTable::shipped()?;
     let mut trainer = if arguments.resume {
@@ -87,9 +105,10 @@ fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
     } else {
         let settings = Settings {
             seed: arguments.seed.unwrap_or_default(),
-            ..Settings::default()
+            ..config.self_model
         };
-        Trainer::new(scene, table, settings)?
+        let sizes = config.network.sizes(&modalities::layout())?;
+        Trainer::with_sizes(scene, table, settings, sizes)?
     };
     if let Some(episodes) = arguments.episodes {
         trainer.settings.episodes = episodes;
@@ -102,7 +121,8 @@ fn prepare(arguments: &TrainSelfArguments) -> Result<(Trainer, PathBuf)> {
 /// # Errors
 /// Names the option and the file.
 pub(crate) fn outputs(arguments: &TrainSelfArguments) -> Result<PathBuf> {
-    let out = inputs::writable_file("--out", &arguments.out)?;
+    let out = arguments.out.as_deref().context("--out: which file?")?;
+    let out = inputs::writable_file("--out", out)?;
     inputs::writable_file("--out", &checkpoint_of(&out))?;
     if let Some(metrics) = &arguments.metrics {
         inputs::writable("--metrics", metrics)?;

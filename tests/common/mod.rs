@@ -3,8 +3,8 @@
 
 pub mod others;
 
-use models::self_model::Sizes;
-use models::{Kind, SelfModel};
+use domains::highway::modalities::layout;
+use models::{Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use runtime::instance::{nodes, prefix, root_for};
@@ -53,35 +53,35 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let model = SelfModel::new(Sizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(1));
-        models::checkpoint::save_self_model(
-            &directory.path().join("self.safetensors"),
-            &model,
-            "tests",
-        )
-        .unwrap();
+        let model = SelfModel::new(
+            Sizes::of(&layout()),
+            layout(),
+            &mut ChaCha8Rng::seed_from_u64(1),
+        );
+        let file = directory.path().join("self.safetensors");
+        model.save(&file, "tests").unwrap();
         Self { directory }
     }
 
     /// Implants that learned nothing either.
     pub fn write_implants(&self) {
-        let model = models::checkpoint::load_self_model(&self.path("self.safetensors")).unwrap();
-        let sizes = model.sizes;
-        let rng = &mut ChaCha8Rng::seed_from_u64(2);
-        let implants = models::Implants::new(sizes.latent, sizes.shape.action, true, rng);
+        let model = SelfModel::load(&self.path("self.safetensors"), layout()).unwrap();
+        let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(2));
         let path = self.path("implants.safetensors");
-        models::checkpoint::save_implants(&path, &implants, &model, "tests").unwrap();
+        implants.save(&path, &model, 0, "tests").unwrap();
     }
 
     /// A policy for human model `bc` that learned nothing either.
     pub fn write_policy(&self) -> String {
-        let sizes = models::recurrent::RecurrentSizes::HIGHWAY;
+        let layout = layout();
         let rng = &mut ChaCha8Rng::seed_from_u64(3);
-        let policy = models::recurrent::RecurrentPolicy::new(sizes, rng);
+        let person = PersonalPolicy {
+            policy: RecurrentPolicy::new(RecurrentSizes::of(&layout, 3), &layout, rng),
+            limits: vec![10.0; layout.perception.limits()],
+            heard: 0,
+        };
         let path = self.path("policy.safetensors");
-        let visible_m = [10.0; models::observation::AZIMUTHS];
-        models::recurrent_file::save_policy(&path, Kind::Bc, &policy, &visible_m, "tests", &[])
-            .unwrap();
+        person.save(&path, Kind::Bc, &layout, "tests", &[]).unwrap();
         path.display().to_string()
     }
 

@@ -17,7 +17,7 @@ use experiments::gridworld::communicate::{self, Condition};
 use experiments::gridworld::subject::LEARNING;
 use experiments::gridworld::{Common, fit as fits, implants as limits, title};
 use experiments::results::Claim;
-use models::discrete::DiscreteModel;
+use models::SelfModel;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
@@ -89,7 +89,7 @@ impl<'a> Desk<'a> {
     }
 }
 
-fn prepared(arguments: &GridworldStudyArguments) -> Result<(Common, Arc<DiscreteModel>)> {
+fn prepared(arguments: &GridworldStudyArguments) -> Result<(Common, Arc<SelfModel>)> {
     let domain = arguments.domain.gridworld().ok_or_else(|| {
         anyhow!("--domain highway: this is a study of the gridworlds; the highway's is `drive`")
     })?;

@@ -3,7 +3,7 @@
 use crate::inputs::model_file;
 use anyhow::{Context, Result};
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, Words, World};
-use models::discrete::DiscreteModel;
+use models::SelfModel;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ pub fn shipped_self_model(domain: Domain) -> PathBuf {
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn self_model(domain: Domain, given: Option<&Path>) -> Result<(PathBuf, Arc<DiscreteModel>)> {
+pub fn self_model(domain: Domain, given: Option<&Path>) -> Result<(PathBuf, Arc<SelfModel>)> {
     let path = match given {
         Some(path) => model_file(path)?,
         None => shipped_self_model(domain),
@@ -44,7 +44,7 @@ pub fn self_model(domain: Domain, given: Option<&Path>) -> Result<(PathBuf, Arc<
     let layout = world(&Scene::of(domain, Setting::Original))?
         .layout()
         .clone();
-    let model = DiscreteModel::load(&path, Arc::new(layout))?;
+    let model = SelfModel::load(&path, Arc::new(layout))?;
     Ok((path, Arc::new(model)))
 }
 

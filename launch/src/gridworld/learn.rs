@@ -11,10 +11,11 @@ use crate::screen::Progress;
 use anyhow::{Context, Result, ensure};
 use domains::discrete::{Discrete, Domain, Scene, Setting};
 use models::Kind;
-use models::discrete::DiscreteModel;
+use models::SelfModel;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
+use training::config::GridworldConfig;
 use training::discrete::people::{Lessons, learn, wants_original};
 use training::discrete::{Round, Rounds};
 
@@ -64,8 +65,16 @@ pub fn demos(arguments: &DemosArguments, domain: Domain) -> Result<ExitCode, Fai
 
 /// `mirror train human`.
 pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<ExitCode, Failure> {
+    let config = GridworldConfig::load(domain.name(), arguments.config.as_deref());
+    let config = config.map_err(Failure::refused)?;
+    if arguments.print_config {
+        out!("{}", config.to_toml().trim_end());
+        return Ok(ExitCode::SUCCESS);
+    }
     let plan = || -> Result<_> {
-        let out = writable("--out", &arguments.out)?;
+        let out = arguments.out.as_deref().context("--out: which file?")?;
+        let out = writable("--out", out)?;
+        let demos = arguments.demos.as_deref().context("--demos: which file?")?;
         let kind = human("--kind", &arguments.kind)?;
         ensure!(
             kind.learns(),
@@ -73,7 +82,7 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
             kind.name()
         );
         let (_, model) = inputs::self_model(domain, arguments.self_model.as_deref())?;
-        let rounds = Rounds::load(&arguments.demos, &model.layout)?;
+        let rounds = Rounds::load(demos, &model.layout)?;
         let original = match &arguments.original {
             None => None,
             Some(path) => {
@@ -90,9 +99,9 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
                 Some(original)
             }
         };
-        Ok((out, kind, model, rounds, original))
+        Ok((out, demos, kind, model, rounds, original))
     };
-    let (out, kind, model, rounds, original) = plan().map_err(Failure::refused)?;
+    let (out, demos, kind, model, rounds, original) = plan().map_err(Failure::refused)?;
     let said = learn_to(
         &out,
         kind,
@@ -102,11 +111,12 @@ pub fn train_human(arguments: &TrainHumanArguments, domain: Domain) -> Result<Ex
             original: original.as_ref(),
             validation: None,
             sqil_phases: None,
+            config: Some(&config),
         },
         arguments.seed,
         "learning",
     )
-    .with_context(|| arguments.demos.display().to_string())
+    .with_context(|| demos.display().to_string())
     .map_err(Failure::refused)?;
     let all = std::iter::once(&rounds).chain(&original);
     let lengths = all.flat_map(|rounds| rounds.rounds.iter().map(Round::len));
@@ -124,7 +134,7 @@ pub fn at_start(
     scene: &Scene,
     person: &str,
     kind: Kind,
-    model: &DiscreteModel,
+    model: &SelfModel,
     path: &Path,
 ) -> Result<()> {
     let scenarios = inputs::world(scene)?.scenarios();
@@ -142,6 +152,7 @@ pub fn at_start(
         original: original.as_ref(),
         validation: None,
         sqil_phases: None,
+        config: None,
     };
     learn_to(path, kind, model, &lessons, 0, &title).context("learning the human model")?;
     Ok(())
@@ -154,7 +165,7 @@ pub fn at_start(
 pub fn learn_to(
     path: &Path,
     kind: Kind,
-    model: &DiscreteModel,
+    model: &SelfModel,
     lessons: &Lessons,
     seed: u64,
     title: &str,

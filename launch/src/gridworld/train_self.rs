@@ -11,6 +11,7 @@ use anyhow::{Context, Result, ensure};
 use domains::discrete::{Discrete, Domain, End, Scene, Setting, World};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use training::config::GridworldConfig;
 use training::discrete::{Actor, Lived, Rollout, Settings, Trainer};
 
 /// Checkpoints of a whole run; writing one takes a fraction of a second.
@@ -22,7 +23,12 @@ const EVALUATED: u32 = 10;
 
 /// Runs `mirror train self` in a gridworld.
 pub fn train_self(arguments: &TrainSelfArguments, domain: Domain) -> Result<ExitCode, Failure> {
-    let (world, mut trainer, out) = prepare(arguments, domain).map_err(Failure::refused)?;
+    let (world, config) = configured(arguments, domain).map_err(Failure::refused)?;
+    if arguments.print_config {
+        out!("{}", config.to_toml().trim_end());
+        return Ok(ExitCode::SUCCESS);
+    }
+    let (mut trainer, out) = prepare(arguments, &world, &config).map_err(Failure::refused)?;
     let checkpoint = checkpoint_of(&out);
     let mut metrics = arguments
         .metrics
@@ -96,24 +102,39 @@ fn judged(world: &World, trainer: &Trainer, actor: Actor, rounds: u32) -> String
     )
 }
 
-fn prepare(arguments: &TrainSelfArguments, domain: Domain) -> Result<(World, Trainer, PathBuf)> {
-    let out = outputs(arguments)?;
+/// The world to learn in, and the settings that were asked for.
+fn configured(arguments: &TrainSelfArguments, domain: Domain) -> Result<(World, GridworldConfig)> {
     ensure!(
         arguments.episodes.is_none(),
         "--episodes: only the highway counts in episodes, a gridworld's training in --phases"
     );
     let world = inputs::world(&Scene::of(domain, Setting::Original))?;
+    let mut config = GridworldConfig::load(domain.name(), arguments.config.as_deref())?;
+    config.network.sizes(world.layout())?;
+    if let Some(phases) = arguments.phases {
+        config.self_model.phases = phases;
+    }
+    Ok((world, config))
+}
+
+fn prepare(
+    arguments: &TrainSelfArguments,
+    world: &World,
+    config: &GridworldConfig,
+) -> Result<(Trainer, PathBuf)> {
+    let out = outputs(arguments)?;
     let mut trainer = if arguments.resume {
         Trainer::resume(&checkpoint_of(&out), world.clone())?
     } else {
         let settings = Settings {
             seed: arguments.seed.unwrap_or_default(),
-            ..Settings::of(domain)
+            ..config.self_model
         };
-        Trainer::new(world.clone(), settings)
+        let sizes = config.network.sizes(world.layout())?;
+        Trainer::with_sizes(world.clone(), settings, sizes)
     };
     if let Some(phases) = arguments.phases {
         trainer.settings.phases = phases;
     }
-    Ok((world, trainer, out))
+    Ok((trainer, out))
 }

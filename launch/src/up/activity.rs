@@ -137,7 +137,7 @@ mod tests {
         busy.signal(libc::SIGSTOP);
         let stopped = busy.wait_until(|activity| activity.is_stopped && !activity.is_running);
         assert!(!stopped.computes_since(&before), "whatever it did before");
-        let stopped = Activity::of_process(busy.0.id()).unwrap();
+        let stopped = GroupActivity::of_process(busy.0.id()).unwrap();
         assert!(stopped.is_stopped && !stopped.is_running);
 
         let idle = Shell::start("exec sleep 1000");

@@ -39,7 +39,7 @@ use run::Run;
 use runtime::{InstanceLock, Launcher, now_ns};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use summary::{Ending, RunSummary};
+use summary::{RunEnding, RunSummary};
 
 /// Runs `mirror up`.
 pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
@@ -64,7 +64,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Failure> {
     let mut run = Run::open(plan, &mut launcher, socket, suspension, &screen)?;
     let ending = run.complete();
     screen.finish();
-    let is_whole = |ending: &Ending| ending.recording.as_ref().is_some_and(|it| it.complete);
+    let is_whole = |ending: &RunEnding| ending.recording.as_ref().is_some_and(|it| it.complete);
     let kept = before.settle(ending.as_ref().is_ok_and(is_whole));
     let summed = ending.map(|ending| {
         let (plan, tally) = run.close();

@@ -4,10 +4,11 @@ use super::control_socket::Replacement;
 use crate::cli::{Clock, UpArguments};
 use crate::inputs;
 use crate::learned::{self, ImplantSource};
-use crate::place::{self, NamedPerson, NamedScene, RobotModel, Who};
+use crate::place::{self, NamedPerson, NamedScene, Who};
 use crate::process::NAMES;
 use anyhow::{Context, Result, bail, ensure};
 use models::Kind;
+use models::SelfModel;
 use planner::PlannerMethod;
 use planning::Settings;
 use recorder::setup::Setup;
@@ -15,6 +16,7 @@ use runtime::{ClockMode, RunArguments};
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A run that can be started.
 #[derive(Clone)]
@@ -32,7 +34,7 @@ pub struct RunPlan {
     /// Settings of the planner.
     pub settings: Settings,
     /// The robot's self-model: its file, and itself.
-    pub self_model: (PathBuf, RobotModel),
+    pub self_model: (PathBuf, Arc<SelfModel>),
     /// What the human model learned of the person.
     pub implants: ImplantSource,
     /// Episodes to drive.

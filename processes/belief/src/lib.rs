@@ -2,18 +2,14 @@
 //! the robot senses. On the highway nothing that is said belongs to it: the robot
 //! senses everything itself, and what is said is decoded from its belief.
 
-mod follow;
-mod gridworld;
 mod tracker;
 
-pub use follow::Follow;
-pub use gridworld::GridTracker;
-pub use tracker::Tracker;
+pub use tracker::{Readable, Tracker};
 
 use anyhow::{Result, ensure};
-use messages::{DriverAction, RobotBelief, Sensed, topic};
+use domains::highway::modalities;
+use messages::{DriverAction, LidarFrame, Observation, RobotBelief, topic};
 use models::SelfModel;
-use models::discrete::DiscreteModel;
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
@@ -37,13 +33,13 @@ pub struct BeliefOptions {
 pub fn run(arguments: &RunArguments, options: &BeliefOptions) -> Result<()> {
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(()) => {
-            let model = models::checkpoint::load_self_model(&options.model)?;
-            follow(node, Tracker::new(model))
+            let model = SelfModel::load(&options.model, modalities::layout())?;
+            follow(node, Tracker::<LidarFrame>::new(model))
         }
         Scenario::Gridworld(scene) => {
             let layout = models::words::layout_of(scene)?;
-            let model = DiscreteModel::load(&options.model, layout)?;
-            follow(node, GridTracker::new(model))
+            let model = SelfModel::load(&options.model, layout)?;
+            follow(node, Tracker::<Observation>::new(model))
         }
     })
 }
@@ -53,13 +49,15 @@ pub fn run(arguments: &RunArguments, options: &BeliefOptions) -> Result<()> {
 /// # Errors
 /// As [`run`].
 pub fn run_with(arguments: &RunArguments, model: SelfModel) -> Result<()> {
-    run_process(arguments, |node| follow(node, Tracker::new(model)))
+    run_process(arguments, |node| {
+        follow(node, Tracker::<LidarFrame>::new(model))
+    })
 }
 
-fn follow<F: Follow>(node: &mut Node, mut tracker: F) -> Result<()> {
+fn follow<S: Readable>(node: &mut Node, mut tracker: Tracker<S>) -> Result<()> {
     let lockstep = node.arguments().clock == ClockMode::Lockstep;
     let receive = Receive::in_clock(node.arguments().clock);
-    let mut world = node.input::<F::Sensed>(F::Sensed::TOPIC, receive)?;
+    let mut world = node.input::<S>(S::TOPIC, receive)?;
     let mut actions = node.input::<DriverAction>(topic::DRIVER_ACTION, Receive::InOrder)?;
     let beliefs = node.output::<RobotBelief>(topic::ROBOT_BELIEF)?;
 
@@ -74,7 +72,7 @@ fn follow<F: Follow>(node: &mut Node, mut tracker: F) -> Result<()> {
         ensure!(
             sensed.measure() == tracker.measure(),
             "{}: domain, visual and verbal numbers are {:?}, the self-model's are {:?}",
-            F::Sensed::TOPIC,
+            S::TOPIC,
             sensed.measure(),
             tracker.measure()
         );

@@ -1,10 +1,11 @@
 //! The robot's belief is the self-model's filter over all that is sensed, and starts anew with every episode.
 
 use belief::{BeliefOptions, Tracker};
-use messages::{BEAMS, EGO_VALUES, LidarFrame, Message, RobotBelief};
-use models::observation::{Encoded, write_visual};
-use models::self_model::Sizes;
-use models::{Filter, Observations, SelfModel, Shape};
+use domains::Mask;
+use domains::highway::AZIMUTHS;
+use domains::highway::modalities::{layout, write_visual};
+use messages::{BEAMS, DriverAction, EGO_VALUES, LidarFrame, Message, RobotBelief};
+use models::{Filter, Observations, SelfModel, Shape, Sizes};
 use nn::Tensor;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,12 +16,18 @@ static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
 fn model() -> SelfModel {
     SelfModel::new(
-        Sizes {
-            hidden: 32,
-            ..Sizes::HIGHWAY
-        },
+        Sizes::of(&layout()).with_hidden(32),
+        layout(),
         &mut ChaCha8Rng::seed_from_u64(4),
     )
+}
+
+fn action([throttle, steer]: [f32; 2]) -> DriverAction {
+    DriverAction {
+        throttle,
+        steer,
+        ..DriverAction::ZERO
+    }
 }
 
 fn frame(rng: &mut ChaCha8Rng, episode: u32, step: u32) -> LidarFrame {
@@ -33,7 +40,7 @@ fn frame(rng: &mut ChaCha8Rng, episode: u32, step: u32) -> LidarFrame {
 
 #[test]
 fn it_is_the_filter_over_everything_sensed() {
-    let shape = Shape::HIGHWAY;
+    let shape = Shape::of(&layout());
     let model = model();
     let mut tracker = Tracker::new(model.clone());
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -41,16 +48,23 @@ fn it_is_the_filter_over_everything_sensed() {
         let mut filter = Filter::new(model.sizes.latent, 1);
         for step in 0..4 {
             let frame = frame(&mut rng, episode, step);
-            let action = [rng.random(), rng.random()];
+            let taken = [rng.random(), rng.random()];
             let mut belief = RobotBelief::ZERO;
-            tracker.observe(&frame, action, &mut belief);
+            tracker.observe(&frame, Some(&action(taken)), &mut belief);
 
             let mut sensed = Observations::new(&shape, 1);
-            sensed.set_lidar(0, &frame.range, &frame.ego);
-            let mut encoded = Encoded::new(shape, 1);
+            write_visual(&frame.range, &frame.ego, sensed.visual.column_mut(0));
+            let mut encoded = Tensor::new(shape.encoded(), 1);
             let (visual, verbal) = (sensed.visual.column(0), sensed.verbal.column(0));
-            encoded.set(0, visual, verbal, &[1.0; 36], &[0.0; 6]);
-            filter.update(&model, &Tensor::from_slice(2, 1, &action), &encoded);
+            // Every azimuth and no word.
+            let mask = Mask {
+                visual: (1 << AZIMUTHS) - 1,
+                verbal: 0,
+            };
+            model
+                .view
+                .write(visual, verbal, mask, encoded.column_mut(0));
+            filter.update(&model, &Tensor::from_slice(2, 1, &taken), &encoded);
             assert_eq!(belief.mean[..], *filter.mean.column(0));
             assert_eq!(belief.deviation[..], *filter.deviation.column(0));
             assert_eq!(belief.latent, 128);
@@ -83,15 +97,15 @@ fn it_is_the_filter_over_everything_sensed() {
 fn an_episode_starts_anew_even_in_its_middle() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let late = frame(&mut rng, 1, 5);
-    let observe = |tracker: &mut Tracker| {
+    let observe = |tracker: &mut Tracker<LidarFrame>| {
         let mut belief = RobotBelief::ZERO;
-        tracker.observe(&late, [0.3, 0.1], &mut belief);
+        tracker.observe(&late, Some(&action([0.3, 0.1])), &mut belief);
         belief
     };
     let mut tracker = Tracker::new(model());
     tracker.observe(
         &frame(&mut rng, 0, 7),
-        [0.0; 2],
+        Some(&action([0.0; 2])),
         &mut RobotBelief::default(),
     );
     let first = observe(&mut tracker);
@@ -115,7 +129,7 @@ fn it_allocates_nothing_once_it_is_warm() {
         for step in 0..3 {
             tracker.observe(
                 &frame(&mut rng, round, step),
-                [0.1; 2],
+                Some(&action([0.1; 2])),
                 &mut RobotBelief::default(),
             );
         }

@@ -2,7 +2,8 @@
 
 use crate::person::ActingPerson;
 use anyhow::Result;
-use domains::discrete::{Acting, Discrete, Mask, Mind, Scene, SimulatedPerson, World};
+use domains::Mask;
+use domains::discrete::{Acting, Discrete, Mind, Scene, SimulatedPerson, World};
 use messages::{Display, DriverAction, Observation};
 use serde::{Deserialize, Serialize};
 
@@ -66,7 +67,7 @@ impl ActingPerson for GridworldPlayer {
     }
 
     fn see(&mut self, display: &Display) {
-        self.told.visual = display.highlighted;
+        self.told.visual = display.highlighted.into();
         self.told.verbal |= display.said();
     }
 

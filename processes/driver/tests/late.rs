@@ -27,7 +27,7 @@ fn others(arguments: &RunArguments, scene: &Scene) -> Result<([u32; 3], u32)> {
     let right = world.expert() as u32;
     let send = |step: u32, world: &World| {
         observations.send_with(Stamp::sensed(0, step), |out| {
-            out.domain = layout.domain.number();
+            out.domain = layout.number;
             (out.visual_len, out.verbal_len) = (layout.visual as u32, layout.verbal as u32);
             let (visual, verbal) = (&mut out.visual, &mut out.verbal);
             world.observe(&mut visual[..layout.visual], &mut verbal[..layout.verbal]);
@@ -46,7 +46,7 @@ fn others(arguments: &RunArguments, scene: &Scene) -> Result<([u32; 3], u32)> {
     // What was decided for step 0 comes late, and is shown in a second display of that step; that of step 1 never comes.
     let all = layout.communicable;
     displays.send_with(Stamp::sensed(0, 0), |out| {
-        out.highlighted = all.visual;
+        out.highlighted = all.visual as u32;
         out.utterance_count = 1;
         out.utterances[0].item = all.verbal.trailing_zeros();
     })?;

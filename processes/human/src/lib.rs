@@ -7,13 +7,12 @@ mod senses;
 pub use person::{GROUPS, ModelledPerson};
 pub use senses::{GridSenses, Senses};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use domains::discrete::{Acting, SimulatedPerson};
+use domains::highway::modalities;
 use messages::{Display, DriverAction, HumanBelief, Sensed, topic};
-use models::discrete::human_file::HumanError;
-use models::discrete::{DiscreteModel, IdealHuman};
 use models::utterances::UtteranceTable;
-use models::{HumanModel, Kind, RecurrentHuman, SelfHuman};
+use models::{HumanError, HumanModel, IdealHuman, Kind, SelfModel};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
@@ -54,47 +53,19 @@ impl HumanOptions {
                 let person = self.person.as_ref().ok_or(HumanError::Nobody)?;
                 let words = models::words::shipped(scene.domain())?;
                 let person = SimulatedPerson::of(scene, person, &words)?;
-                return Ok(Box::new(IdealHuman::new(person, layout.actions)));
+                return Ok(Box::new(IdealHuman::new(person, layout.actions.rows())));
             }
-            let model = Arc::new(DiscreteModel::load(&self.model, layout)?);
+            let model = Arc::new(SelfModel::load(&self.model, layout)?);
             let file = self.implants.as_deref();
-            return Ok(models::discrete::human_file::load_human(
-                file, self.kind, &model,
-            )?);
+            return Ok(models::load_human(file, self.kind, &model)?);
         }
         ensure!(
             self.kind != Kind::Ideal,
             "human model `ideal` is for the gridworlds: of a driver on the highway there is none"
         );
-        if !self.kind.is_self_model() {
-            let Some(path) = &self.implants else {
-                bail!(
-                    "human model `{}` needs its policy: none given",
-                    self.kind.name()
-                );
-            };
-            let (policy, visible_m) = models::recurrent_file::load_policy(path, self.kind)?;
-            let human = RecurrentHuman::new(self.kind, Arc::new(policy), visible_m);
-            return Ok(Box::new(human));
-        }
-        let model = models::checkpoint::load_self_model(&self.model)?;
-        let implants = match (self.kind, &self.implants) {
-            (Kind::Myself, _) => None,
-            (kind, None) => bail!("human model `{}` needs implants: none given", kind.name()),
-            (kind, Some(path)) => {
-                let implants = models::checkpoint::load_implants(path, &model)?;
-                if implants.has_policy() != (kind == Kind::Mirror) {
-                    let has = if implants.has_policy() { "a" } else { "no" };
-                    bail!(
-                        "{}: has {has} policy implant, which is not human model `{}`",
-                        path.display(),
-                        kind.name()
-                    );
-                }
-                Some(implants)
-            }
-        };
-        Ok(Box::new(SelfHuman::new(Arc::new(model), implants)))
+        let model = SelfModel::load(&self.model, modalities::layout())?;
+        let file = self.implants.as_deref().filter(|_| self.kind.learns());
+        Ok(models::load_human(file, self.kind, &Arc::new(model))?)
     }
 }
 

@@ -8,8 +8,7 @@ use messages::{
 };
 use models::human::following;
 use models::imagined::{ImaginedGroups, Moment};
-use models::policy::{ActionDistribution, Family};
-use models::{Beliefs, Communicated, HumanModel, Observations};
+use models::{ActionDistribution, Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
 
 /// Groups of imagined people that a planner may keep at the same time.
@@ -55,14 +54,14 @@ impl<S: Senses> ModelledPerson<S> {
             beliefs: Beliefs::new(latent, 1),
             observations: Observations::new(&shape, 1),
             action: Tensor::new(shape.action, 1),
-            expected: model.distribution(1),
+            expected: ActionDistribution::new(model.actions(), 1),
             position: None,
             remembered: core::array::from_fn(|_| Remembered {
                 position: None,
                 beliefs: Beliefs::new(latent, 1),
             }),
             next: 0,
-            groups: ImaginedGroups::for_model(&*model, GROUPS, MAX_GROUP),
+            groups: ImaginedGroups::new(&*model, GROUPS, MAX_GROUP),
             rows: [0; GROUPS],
             imagined: Observations::new(&shape, MAX_GROUP),
             communicated: vec![Communicated::default(); MAX_GROUP],
@@ -120,9 +119,11 @@ impl<S: Senses> ModelledPerson<S> {
         let column = self.action.column_mut(0);
         column.fill(0.0);
         let Some(taken) = taken else { return };
-        match self.expected.family {
-            Family::Gaussian => column.copy_from_slice(&[taken.throttle, taken.steer]),
-            Family::Categorical => {
+        match self.expected {
+            ActionDistribution::Gaussian { .. } => {
+                column.copy_from_slice(&[taken.throttle, taken.steer]);
+            }
+            ActionDistribution::Categorical { .. } => {
                 if let Some(place) = taken
                     .discrete()
                     .and_then(|choice| column.get_mut(choice as usize))
@@ -148,17 +149,15 @@ impl<S: Senses> ModelledPerson<S> {
         out.latent = latent as u32;
         out.mean[..latent].copy_from_slice(&self.beliefs.mean.column(0)[..latent]);
         out.deviation[..latent].copy_from_slice(&self.beliefs.deviation.column(0)[..latent]);
-        let expected = &self.expected;
-        match expected.family {
-            Family::Gaussian => {
-                for (mean, u) in out.action_mean.iter_mut().zip(expected.mean.column(0)) {
+        match &self.expected {
+            ActionDistribution::Gaussian { mean, deviation } => {
+                for (mean, u) in out.action_mean.iter_mut().zip(mean.column(0)) {
                     *mean = u.tanh();
                 }
-                out.action_deviation
-                    .copy_from_slice(expected.deviation.column(0));
+                out.action_deviation.copy_from_slice(deviation.column(0));
             }
-            Family::Categorical => {
-                let log = expected.log_probability.column(0);
+            ActionDistribution::Categorical { log_probability } => {
+                let log = log_probability.column(0);
                 for (probability, log) in out.probability.iter_mut().zip(log) {
                     *probability = log.exp();
                 }

@@ -1,6 +1,7 @@
 //! How what is sensed, shown and said in a domain becomes what models take.
 
-use domains::discrete::Layout;
+use domains::Layout;
+use domains::highway::modalities;
 use messages::{Display, LidarFrame, Message, Observation, SECTORS, Sensed, UtteranceContent};
 use models::utterances::{Said, UtteranceTable};
 use models::{Communicated, Observations, Shape};
@@ -36,7 +37,7 @@ impl Senses for UtteranceTable {
     type Sensed = LidarFrame;
 
     fn shape(&self) -> Shape {
-        Shape::HIGHWAY
+        Shape::of(&modalities::layout())
     }
 
     fn measure(&self) -> [u32; 3] {
@@ -49,7 +50,7 @@ impl Senses for UtteranceTable {
         display: &Display,
         out: &mut Observations,
     ) -> Communicated {
-        out.set_lidar(0, &frame.range, &frame.ego);
+        modalities::write_visual(&frame.range, &frame.ego, out.visual.column_mut(0));
         let spoken = (display.utterance_count as usize).min(display.utterances.len());
         let verbal = out.verbal.column_mut(0);
         verbal.fill(0.0);
@@ -81,23 +82,17 @@ impl Senses for GridSenses {
     type Sensed = Observation;
 
     fn shape(&self) -> Shape {
-        Shape {
-            visual: self.layout.visual,
-            visual_mask: self.layout.regions,
-            verbal: self.layout.verbal,
-            verbal_mask: self.layout.utterances,
-            action: self.layout.actions,
-        }
+        Shape::of(&self.layout)
     }
 
     fn measure(&self) -> [u32; 3] {
         let Layout {
-            domain,
+            number,
             visual,
             verbal,
             ..
         } = *self.layout;
-        [domain.number(), visual as u32, verbal as u32]
+        [number, visual as u32, verbal as u32]
     }
 
     fn hears(&self) -> bool {
@@ -114,7 +109,7 @@ impl Senses for GridSenses {
         out.verbal.column_mut(0).copy_from_slice(sensed.verbal());
         let (possible, said) = (self.layout.everything(), display.said());
         Communicated::new(
-            display.highlighted & possible.visual,
+            display.highlighted & possible.visual as u32,
             said & possible.verbal,
         )
     }

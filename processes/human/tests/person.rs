@@ -1,17 +1,16 @@
 //! What the human process keeps of a person: belief, prediction and the groups of imagined people.
 
 use domains::discrete::{Acting, Scene};
+use domains::highway::AZIMUTHS;
+use domains::highway::modalities::layout;
 use human::{GROUPS, HumanOptions, ModelledPerson};
 use messages::{
     Display, DriverAction, HumanBelief, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus,
     LidarFrame, MAX_GROUP, Message,
 };
-use models::checkpoint::{save_implants, save_self_model};
-use models::recurrent_file::save_policy;
-use models::self_model::Sizes;
 use models::utterances::UtteranceTable;
 use models::{
-    Implants, Kind, RecurrentHuman, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
+    Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,25 +22,29 @@ static ALLOCATOR: runtime::CountingAllocator = runtime::CountingAllocator;
 
 fn model() -> SelfModel {
     SelfModel::new(
-        Sizes {
-            hidden: 32,
-            ..Sizes::HIGHWAY
-        },
+        Sizes::of(&layout()).with_hidden(32),
+        layout(),
         &mut ChaCha8Rng::seed_from_u64(4),
     )
 }
 
 fn implants(with_policy: bool) -> Implants {
-    Implants::new(
-        Sizes::HIGHWAY.latent,
-        2,
-        with_policy,
-        &mut ChaCha8Rng::seed_from_u64(5),
-    )
+    Implants::new(&model(), with_policy, &mut ChaCha8Rng::seed_from_u64(5))
+}
+
+/// Somebody who sees 12 m, with an untrained policy.
+fn policy() -> PersonalPolicy {
+    let layout = layout();
+    let rng = &mut ChaCha8Rng::seed_from_u64(4);
+    PersonalPolicy {
+        policy: RecurrentPolicy::new(RecurrentSizes::of(&layout, 3), &layout, rng),
+        limits: vec![12.0; AZIMUTHS],
+        heard: 0,
+    }
 }
 
 fn person() -> ModelledPerson<UtteranceTable> {
-    let human = SelfHuman::new(Arc::new(model()), Some(implants(true)));
+    let human = SelfHuman::new(Arc::new(model()), Some(implants(true)), 0);
     ModelledPerson::new(
         Box::new(human),
         UtteranceTable::shipped().expect("the table ships"),
@@ -295,11 +298,14 @@ fn it_allocates_nothing_once_it_is_warm() {
 fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
     let folder = tempfile::tempdir_in("/tmp").expect("a temporary directory");
     let path = |name: &str| folder.path().join(name);
-    save_self_model(&path("self"), &model(), "test").expect("written");
-    save_implants(&path("both"), &implants(true), &model(), "test").expect("written");
-    save_implants(&path("perception"), &implants(false), &model(), "test").expect("written");
-    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
-    save_policy(&path("bc"), Kind::Bc, &policy, &[12.0; 36], "test", &[]).expect("written");
+    model().save(&path("self"), "test").expect("written");
+    for (name, with_policy) in [("both", true), ("perception", false)] {
+        let implants = implants(with_policy);
+        let saved = implants.save(&path(name), &model(), 0, "test");
+        saved.expect("written");
+    }
+    let saved = policy().save(&path("bc"), Kind::Bc, &layout(), "test", &[]);
+    saved.expect("written");
     let load = |kind: Kind, implants: Option<&str>| {
         let options = HumanOptions {
             kind,
@@ -319,11 +325,11 @@ fn every_kind_loads_what_it_needs_and_refuses_the_rest() {
     assert_eq!(load(Kind::MirrorP, Some("perception")), Ok("mirror-p"));
     assert_eq!(load(Kind::Bc, Some("bc")), Ok("bc"));
     for (kind, implants, word) in [
-        (Kind::Bc, None, "needs its policy"),
+        (Kind::Bc, None, "`bc` needs a file"),
         (Kind::Bc, Some("both"), "both"),
         (Kind::Sqil, Some("bc"), "kind `bc`"),
         (Kind::Mirror, Some("bc"), "policy"),
-        (Kind::Mirror, None, "needs implants"),
+        (Kind::Mirror, None, "`mirror` needs a file"),
         (Kind::Mirror, Some("perception"), "perception"),
         (Kind::MirrorP, Some("both"), "both"),
         (Kind::Mirror, Some("absent"), "absent"),
@@ -393,8 +399,7 @@ fn it_says_how_far_beliefs_are_apart_if_it_can() {
         "twice the same"
     );
 
-    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(4));
-    let policy = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [12.0; 36]);
+    let policy = policy().human(Kind::Bc, &layout());
     let table = UtteranceTable::shipped().expect("the table ships");
     let mut other = ModelledPerson::new(Box::new(policy), table, 1);
     observe(&mut other, 0, &Display::ZERO, [0.0; 2]);

@@ -13,7 +13,6 @@ use messages::{
     CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, RobotBelief, topic,
 };
 use models::SelfModel;
-use models::discrete::DiscreteModel;
 use planning::{PeopleError, Settings};
 use runtime::{ClockMode, Node, Receive, RunArguments, Stamp, Wake, now_ns, run_process};
 use scenario::{Scenario, scene_or_null};
@@ -112,11 +111,12 @@ pub fn run(arguments: &RunArguments, options: &PlannerOptions) -> Result<()> {
                 .context("planner options: methods `ce` and `kl` need a model")?;
             let state = match &options.scenario {
                 Scenario::Highway(()) => {
-                    PlannerState::highway(options, models::checkpoint::load_self_model(path)?)
+                    let layout = domains::highway::modalities::layout();
+                    PlannerState::highway(options, SelfModel::load(path, layout)?)
                 }
                 Scenario::Gridworld(scene) => {
                     let layout = models::words::layout_of(scene)?;
-                    PlannerState::gridworld(options, Arc::new(DiscreteModel::load(path, layout)?))
+                    PlannerState::gridworld(options, Arc::new(SelfModel::load(path, layout)?))
                 }
             };
             decide(node, options, state)

@@ -2,11 +2,10 @@
 //! looks like on the topic.
 
 use crate::PlannerOptions;
+use domains::Layout;
 use messages::{CommAction, DecisionReason, DriverAction, RobotBelief};
 use models::SelfModel;
-use models::discrete::DiscreteModel;
 use nn::Tensor;
-use planning::discrete::DiscretePlanner;
 use planning::planner::{From, Plan, Settings};
 use planning::{Chooser, ImaginedPeople, Items, PeopleError};
 use scenario::Scenario;
@@ -32,7 +31,8 @@ pub struct PlannerState {
 }
 
 /// A planner and its world model.
-type DomainPlanner = Scenario<(SelfModel, Chooser), (Arc<DiscreteModel>, DiscretePlanner)>;
+type DomainPlanner =
+    Scenario<(SelfModel, Chooser), (Arc<SelfModel>, Chooser<SelfModel, Arc<Layout>>)>;
 
 impl PlannerState {
     /// The highway's planner, which has planned nothing yet; settings must have no problem.
@@ -44,11 +44,11 @@ impl PlannerState {
     }
 
     /// A gridworld's planner.
-    pub fn gridworld(options: &PlannerOptions, model: Arc<DiscreteModel>) -> Self {
+    pub fn gridworld(options: &PlannerOptions, model: Arc<SelfModel>) -> Self {
         let layout = Arc::clone(&model.layout);
         let method = options.method.chooser();
         let items = Arc::clone(&layout);
-        let planner = DiscretePlanner::with_items(method, options.settings, &*model, items);
+        let planner = Chooser::with_items(method, options.settings, &*model, items);
         let (latent, actions) = (model.sizes.latent, model.sizes.shape.action);
         let planner = Scenario::Gridworld((model, planner));
         Self::new(options, planner, latent, actions, &layout)

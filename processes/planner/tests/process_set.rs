@@ -3,8 +3,11 @@
 
 mod support;
 
+use domains::highway::modalities::write_visual;
 use human::ModelledPerson;
-use messages::{CommAction, HumanBelief, ImaginePhase, ImagineStatus, Message, RobotBelief};
+use messages::{
+    CommAction, DriverAction, HumanBelief, ImaginePhase, ImagineStatus, Message, RobotBelief,
+};
 use models::imagined::ImaginedGroups;
 use models::utterances::{Said, UtteranceTable};
 use models::{Beliefs, Communicated, HumanModel, Observations};
@@ -70,22 +73,22 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
     let mut state = PlannerState::highway(&options, model.clone());
     let table = UtteranceTable::shipped().expect("the table ships");
     let rows = options.settings.samples / GROUPS;
-    let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
+    let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
     let mut pending = vec![Tensor::new(2, rows); GROUPS];
     let shape = model.sizes.shape;
     let (mut decisions, mut people) = (Vec::new(), Vec::new());
     for episode in 0..EPISODES {
         let mut script = Script::new(episode);
         let mut person = Beliefs::new(human.latent(), 1);
-        let mut taken = [0.0; 2];
+        let mut before: Option<DriverAction> = None;
         for step in 0..STEPS {
             let (frame, display, action) = script.next(step, decisions.last());
             let mut robot = RobotBelief::ZERO;
-            tracker.observe(&frame, taken, &mut robot);
+            tracker.observe(&frame, before.as_ref(), &mut robot);
             (robot.header.episode, robot.header.step) = (episode, step);
 
             let mut seen = Observations::new(&shape, 1);
-            seen.set_lidar(0, &frame.range, &frame.ego);
+            write_visual(&frame.range, &frame.ego, seen.visual.column_mut(0));
             let mut verbal = 0;
             for utterance in &display.utterances[..display.utterance_count as usize] {
                 let said = [Said::Nothing, Said::Slow, Said::Fast][utterance.kind as usize];
@@ -94,8 +97,9 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
                 verbal |= 1 << sector;
             }
             let communicated = [Communicated::new(display.highlighted, verbal)];
-            let before = Tensor::from_slice(2, 1, &taken);
-            human.perceive(&mut person, &before, &seen, &communicated, None);
+            let taken = before.map_or([0.0; 2], |before| [before.throttle, before.steer]);
+            let taken = Tensor::from_slice(2, 1, &taken);
+            human.perceive(&mut person, &taken, &seen, &communicated, None);
             people.push(person.clone());
 
             let mut local = LocalPeople {
@@ -104,11 +108,11 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
                 groups: &mut groups,
                 pending: &mut pending,
             };
-            taken = [action.throttle, action.steer];
             let ready_s = display.speech_ready_s;
             state
                 .plan(&robot, Some(&action), ready_s, &mut local)
                 .expect("local people answer");
+            before = Some(action);
             let mut out = CommAction::ZERO;
             state.write(false, &mut out);
             decisions.push(out);
@@ -177,7 +181,7 @@ fn another_seed_decides_otherwise() {
         let mut human = support::human();
         let mut state = PlannerState::highway(&options, model.clone());
         let rows = options.settings.samples / GROUPS;
-        let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
+        let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
         let mut pending = vec![Tensor::new(2, rows); GROUPS];
         let mut person = Beliefs::new(human.latent(), 1);
         person.fresh = false;

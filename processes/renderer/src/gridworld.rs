@@ -3,7 +3,8 @@
 use crate::content::RendererOptions;
 use crate::lines::{CYAN, EventLines, RED, YELLOW, text_of};
 use crate::render::{Render, Tell, is_in_force};
-use domains::discrete::{Domain, Layout, Words, sentence};
+use domains::Layout;
+use domains::discrete::{Domain, Words, sentence};
 use messages::{
     CommAction, Display, LidarFrame, Observation, Outcome, PICTURE_BYTES, Picture, UtteranceContent,
 };
@@ -38,8 +39,9 @@ impl GridRenderer {
             return;
         };
         self.text.clear();
-        let (domain, words) = (self.layout.domain, &self.words);
-        sentence(domain, words, item, sensed.verbal(), &mut self.text);
+        if let Some(domain) = Domain::from_name(self.layout.domain) {
+            sentence(domain, &self.words, item, sensed.verbal(), &mut self.text);
+        }
         // A zero follows.
         let length = self.text.len().min(utterance.text.len() - 1);
         utterance.text[..length].copy_from_slice(&self.text.as_bytes()[..length]);
@@ -75,7 +77,7 @@ impl Render for GridRenderer {
             return;
         };
         let possible = self.layout.communicable;
-        display.highlighted = decision.visual & possible.visual;
+        display.highlighted = decision.visual & possible.visual as u32;
         let decided_at = decision.header.step;
         if self.heard_step.replace(decided_at) != Some(decided_at) {
             let said = decision.verbal & possible.verbal;
@@ -155,20 +157,12 @@ impl<W: Write> Tell for GridEvents<W> {
     fn outcome(&mut self, outcome: &Outcome) -> io::Result<()> {
         self.lines.enter(outcome.header.episode)?;
         if outcome.collided != 0 {
-            let what = match self.layout.domain {
-                Domain::Driving => "hit another car",
-                Domain::SearchRescue | Domain::BombDefusal => "ran into an obstacle",
-            };
+            let what = self.layout.accident;
             let step = outcome.header.step;
             self.lines
                 .line(step, RED, "CRASH", format_args!("{what}"))?;
         }
-        let success = match self.layout.domain {
-            Domain::Driving => "the end of the road reached",
-            Domain::SearchRescue => "the victim is rescued",
-            Domain::BombDefusal => "the bomb is defused",
-        };
-        self.lines.end(outcome, success)
+        self.lines.end(outcome, self.layout.success)
     }
 }
 

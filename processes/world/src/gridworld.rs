@@ -57,7 +57,7 @@ impl Truth for Gridworld {
 
     fn step(&mut self, step: u32, action: Option<&DriverAction>) {
         // A choice is made once: where it does not come in time nothing is done, which no number of an action stands for.
-        let nothing = self.world.layout().actions;
+        let nothing = self.world.layout().actions.rows();
         let chosen = action.filter(|action| action.header.step == step);
         let choice = chosen.and_then(DriverAction::discrete);
         let choice = choice.map_or(nothing, |choice| choice as usize);
@@ -80,8 +80,8 @@ impl Truth for Gridworld {
         let layout = self.world.layout();
         let (visual, verbal) = (layout.visual, layout.verbal);
         let legal = |bits, action| bits | u32::from(self.world.legal(action)) << action;
-        out.legal = (0..layout.actions).fold(0, legal);
-        out.domain = layout.domain.number();
+        out.legal = (0..layout.actions.rows()).fold(0, legal);
+        out.domain = layout.number;
         (out.visual_len, out.verbal_len) = (visual as u32, verbal as u32);
         self.world
             .observe(&mut out.visual[..visual], &mut out.verbal[..verbal]);

@@ -10,7 +10,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use domains::discrete::{Discrete, Domain, Mask, Mind, Scene, Setting, Words};
+use domains::Mask;
+use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, Words};
 use domains::{bomb_defusal, search_rescue};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

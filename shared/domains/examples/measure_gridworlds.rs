@@ -3,8 +3,9 @@
 //! For each domain and setting: the expert, ten people alone, and ten people who are shown and told everything in every step. Means over
 //! people with 95 % intervals (Student's, over people).
 
+use domains::Mask;
 use domains::discrete::{
-    Discrete, Domain, End, Mask, Mind, Scene, Setting, SimulatedPerson, Words, World,
+    Discrete, Domain, End, Mind, Scene, Setting, SimulatedPerson, Words, World,
 };
 
 const ROUNDS: u32 = 72;

@@ -12,4 +12,11 @@ pub mod commonroad;
 pub mod discrete;
 pub mod driving;
 pub mod highway;
+mod layout;
+mod mask;
+mod perception;
 pub mod search_rescue;
+
+pub use layout::{ActionSpace, Image, Layout};
+pub use mask::Mask;
+pub use perception::{MAX_LIMITS, Perception};

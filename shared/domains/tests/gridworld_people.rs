@@ -1,8 +1,9 @@
 //! Experts succeed; simulated people know what they perceived or were told, and nothing else.
 
+use domains::Mask;
 use domains::bomb_defusal::{self, Defuser};
 use domains::discrete::{
-    Discrete, Domain, End, Mask, Mind, Perception, Scene, Setting, SimulatedPerson, Words, World,
+    Discrete, Domain, End, Limits, Mind, Scene, Setting, SimulatedPerson, Words, World,
 };
 use domains::driving::{self, SimulatedDriver};
 use domains::search_rescue::{self, Cell, Searcher, distances};
@@ -269,10 +270,10 @@ fn acts_follow_their_probabilities() {
             verbal: 0,
         };
         person.perceive(&visual, &verbal, seen);
-        let mut p = vec![0.0; layout.actions];
+        let mut p = vec![0.0; layout.actions.rows()];
         person.clone().probabilities(&mut p);
         let draws = 4000;
-        let mut counts = vec![0u32; layout.actions];
+        let mut counts = vec![0u32; layout.actions.rows()];
         for draw in 0..draws {
             let mut copy = person.clone();
             copy.reseed(11, 0, draw);
@@ -301,9 +302,7 @@ fn terminals_are_found_after_a_geometric_time() {
     let person = bomb_defusal::Person::builtin(4).unwrap();
     let p = f64::from(person.notice);
     let mut defuser = Defuser::new(&person, &scene, &words).unwrap();
-    assert!(
-        matches!(defuser.sight().perception, Perception::Probabilities(q) if q == [person.notice; 6])
-    );
+    assert!(matches!(defuser.sight().limits, Limits::Probabilities(q) if q == [person.notice; 6]));
     let (mut visual, mut verbal) = (vec![0.0; world.layout().visual], vec![0.0; 2]);
     world.observe(&mut visual, &mut verbal);
     let rounds = 3000;
@@ -353,12 +352,9 @@ fn perceptual_truths_are_the_papers() {
                 .unwrap()
                 .sight()
         };
-        assert_eq!(
-            sight(Domain::Driving).perception,
-            Perception::Thresholds(cells)
-        );
+        assert_eq!(sight(Domain::Driving).limits, Limits::Thresholds(cells));
         let search = sight(Domain::SearchRescue);
-        assert_eq!(search.perception, Perception::Radius(radius));
+        assert_eq!(search.limits, Limits::Radius(radius));
         let hears_all = setting == Setting::Original;
         assert_eq!(search.heard, if hears_all { 0x1f } else { 0 });
     }

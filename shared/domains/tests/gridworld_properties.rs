@@ -1,7 +1,8 @@
 //! What every gridworld promises, whatever is done in it: rewards by term, ends, masks, determinism.
 
+use domains::Mask;
 use domains::discrete::{
-    Discrete, Domain, End, MAX_TERMS, Mask, Mind, Scene, Setting, SimulatedPerson, Words, World,
+    Discrete, Domain, End, MAX_TERMS, Mind, Scene, Setting, SimulatedPerson, Words, World,
 };
 use domains::driving::{self, Car, Reward, SWITCH, advance, reward_terms, visible};
 use domains::{bomb_defusal, search_rescue};
@@ -119,7 +120,7 @@ proptest! {
             prop_assert_eq!((&visual, &verbal), (&observed(&twin).0, &observed(&twin).1), "same seed, same bytes");
             prop_assert!(visual.iter().chain(&verbal).all(|x| x.abs() <= 1.0), "finite and within [−1, 1]");
             let running = world.end().is_running();
-            let action = action.min(world.layout().actions - 1);
+            let action = action.min(world.layout().actions.rows() - 1);
             let before = world.clone();
             let legal = world.legal(action);
             let outcome = world.step(action);
@@ -159,7 +160,7 @@ proptest! {
         seed in any::<u64>(),
         scenario in 0u32..9,
         id in 1u32..=10,
-        masks in prop::collection::vec((any::<u32>(), any::<u32>()), 12),
+        masks in prop::collection::vec((any::<u64>(), any::<u32>()), 12),
         noise in -3.0f32..3.0,
     ) {
         let words = words_of(&scene);
@@ -189,7 +190,7 @@ proptest! {
             }
             person.perceive(&visual, &verbal, perceived);
             other.perceive(&hidden, &unsaid, perceived);
-            let (mut p, mut q) = (vec![0.0; layout.actions], vec![0.0; layout.actions]);
+            let (mut p, mut q) = (vec![0.0; layout.actions.rows()], vec![0.0; layout.actions.rows()]);
             person.clone().probabilities(&mut p);
             other.clone().probabilities(&mut q);
             prop_assert_eq!(&p, &q);
@@ -295,10 +296,11 @@ fn layouts_are_consistent() {
     for domain in Domain::ALL {
         let world = world_of(&Scene::of(domain, Setting::Transfer));
         let layout = world.layout();
-        assert_eq!(layout.domain, domain);
+        assert_eq!(layout.domain, domain.name());
+        assert_eq!(layout.number, domain.number());
         assert_eq!(layout.visual_region.len(), layout.visual);
         assert_eq!(layout.verbal_utterance.len(), layout.verbal);
-        assert_eq!(layout.action_names.len(), layout.actions);
+        assert_eq!(layout.action_names.len(), layout.actions.rows());
         assert_eq!(layout.region_names.len(), layout.regions);
         assert_eq!(layout.utterance_names.len(), layout.utterances);
         for region in 0..layout.regions {

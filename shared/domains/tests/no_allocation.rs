@@ -76,7 +76,7 @@ fn a_round_of_a_gridworld_allocates_nothing() {
             let layout = world.layout().clone();
             let mut visual = vec![0.0; layout.visual];
             let mut verbal = vec![0.0; layout.verbal];
-            let mut probabilities = vec![0.0; layout.actions];
+            let mut probabilities = vec![0.0; layout.actions.rows()];
             let before = allocations();
             for scenario in 0..world.scenarios() {
                 world.reset(1, 0, scenario);

@@ -5,14 +5,16 @@ use crate::drive_report::Report;
 use crate::learned::{Expert, human_model};
 use crate::table::{Table, ensure_same};
 use anyhow::Context;
+use domains::highway::SECTORS;
 use domains::highway::display::Presenter;
+use domains::highway::modalities::PER_SECTOR;
 use domains::highway::{
     Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World, speech,
 };
-use models::observation::{PER_SECTOR, SECTORS};
 use models::utterances::{Said, UtteranceTable};
 use models::{Communicated, Kind, SelfModel};
-use planning::{Assistant, Method, Settings};
+use planning::items::Sectors;
+use planning::{Assistant, Method, Moment, Settings};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -166,7 +168,7 @@ pub fn run(
     let about = serde_json::json!({
         "rounds": study.rounds,
         "planner": study.settings,
-        "self_model": model.map(|model| models::checkpoint::digest(model)),
+        "self_model": model.map(|model| model.digest()),
     });
     ensure_same(&out.join("drive.settings.json"), &about)?;
     let table = Table::open(&out.join("drive.csv"), HEADER, 4)?;
@@ -262,11 +264,12 @@ impl Rider {
                 let model = model.context("a planner needs a self-model")?;
                 let demonstrations = demonstrate(&mut world, &mut driver, study.rounds);
                 let human = human_model(kind, model, &demonstrations, expert)?;
-                Some(Assistant::with_method(
+                Some(Assistant::new(
                     model.clone(),
                     human,
                     study.settings,
                     condition.method(),
+                    Sectors,
                 ))
             }
         };
@@ -306,9 +309,15 @@ impl Rider {
             if let Some(assistant) = &mut self.assistant {
                 let visual = step_of(self.world.observation()).visual;
                 hear(&self.table, &shown, &mut self.verbal);
-                assistant.observe(&visual, &self.verbal, communicated(&shown), taken);
-                let ready = self.presenter.ready_in(step + 1) as usize;
-                decision = assistant.decide(Some(action), ready, seed, episode, step)?;
+                let at = [seed, u64::from(episode), u64::from(step)];
+                assistant.observe(&visual, &self.verbal, communicated(&shown), &taken, at);
+                let moment = Moment {
+                    seed,
+                    episode,
+                    step,
+                    speech_ready_steps: self.presenter.ready_in(step + 1) as usize,
+                };
+                decision = assistant.decide(Some(action), moment)?;
             }
             taken = action;
             let outcome = self.world.step(action);

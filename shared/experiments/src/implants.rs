@@ -3,9 +3,9 @@
 
 use crate::drawing_file::{self, Drawing};
 use crate::drive::demonstrate;
+use domains::highway::modalities::range_of;
+use domains::highway::{AZIMUTHS, LIDAR_RANGE_M};
 use domains::highway::{Cockpit, Person, Scene, SimulatedDriver, World};
-use models::implants::range_of;
-use models::observation::{AZIMUTHS, RANGE_M};
 use models::{Kind, SelfModel};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -42,7 +42,7 @@ impl Azimuth {
 
     /// Distance between learned and true.
     pub fn error_m(&self) -> f32 {
-        (self.learned_m.min(RANGE_M) - self.true_m.min(RANGE_M)).abs()
+        (self.learned_m.min(LIDAR_RANGE_M) - self.true_m.min(LIDAR_RANGE_M)).abs()
     }
 }
 
@@ -98,7 +98,7 @@ pub fn report(
         training::implants::learn(model, Kind::Mirror, &demonstrations, settings, |_, _| {})?;
     let seconds = started.elapsed().as_secs_f64();
     let truth = person.visibility_m(&fog);
-    let thresholds = learned.implants.thresholds_m();
+    let thresholds = learned.implants.limits();
     let azimuths: Vec<Azimuth> = (0..AZIMUTHS)
         .map(|azimuth| {
             let ranges = demonstrations
@@ -106,7 +106,7 @@ pub fn report(
                 .iter()
                 .flat_map(|round| round.steps.iter().skip(settings.skip))
                 .map(|moment| range_of(&moment.visual, azimuth))
-                .filter(|range| *range < RANGE_M);
+                .filter(|range| *range < LIDAR_RANGE_M);
             let (mut moments, mut seen) = (0, 0);
             for range in ranges {
                 moments += 1;
@@ -146,7 +146,7 @@ pub fn report(
         error_of_middle_m: mean(
             &mut present
                 .iter()
-                .map(|a| (a.true_m.min(RANGE_M) - RANGE_M / 2.0).abs()),
+                .map(|a| (a.true_m.min(LIDAR_RANGE_M) - LIDAR_RANGE_M / 2.0).abs()),
         ),
         azimuths,
     })
@@ -225,7 +225,7 @@ where
         }
         for a in &report.azimuths {
             let middle = a.azimuth as f64 * 10.0;
-            let reach = f64::from(a.learned_m.min(RANGE_M));
+            let reach = f64::from(a.learned_m.min(LIDAR_RANGE_M));
             let wedge = vec![(0.0, 0.0), at(middle - 4.0, reach), at(middle + 4.0, reach)];
             let colour = if a.crossed() {
                 RGBColor(200, 40, 40).mix(0.75)
@@ -239,7 +239,7 @@ where
         let outline = (0..=AZIMUTHS * 2).map(|i| {
             let a = &report.azimuths[(i.div_ceil(2)) % AZIMUTHS];
             let edge = (i.div_ceil(2)) as f64 * 10.0 + if i % 2 == 0 { 5.0 } else { -5.0 };
-            at(edge, f64::from(a.true_m.min(RANGE_M)))
+            at(edge, f64::from(a.true_m.min(LIDAR_RANGE_M)))
         });
         chart
             .draw_series(LineSeries::new(outline, BLUE.stroke_width(2)))

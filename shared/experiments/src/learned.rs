@@ -1,10 +1,10 @@
 //! Human models of one person, learned from their rounds: implants or policies, whatever the kind takes.
 
-use models::{HumanModel, Kind, RecurrentHuman, SelfHuman, SelfModel};
+use models::{HumanModel, Kind, SelfHuman, SelfModel};
 use std::sync::Arc;
 use training::demonstrations::Demonstrations;
 pub use training::policies::Expert;
-use training::{implants, policies};
+use training::{config, implants, policies};
 
 /// Learns a human model of `kind`.
 ///
@@ -17,25 +17,29 @@ pub fn human_model(
     expert: &Expert,
 ) -> anyhow::Result<Box<dyn HumanModel>> {
     match kind {
-        Kind::Myself => Ok(Box::new(SelfHuman::new(model.clone(), None))),
+        Kind::Myself => Ok(Box::new(SelfHuman::new(model.clone(), None, 0))),
         Kind::Mirror | Kind::MirrorP => {
             let settings = implants::Settings::default();
             let learned = implants::learn(model, kind, demonstrations, &settings, |_, _| {})?;
             Ok(Box::new(SelfHuman::new(
                 model.clone(),
                 Some(learned.implants),
+                0,
             )))
         }
         Kind::Ideal => {
             anyhow::bail!("human model `ideal`: of a driver on the highway there is none")
         }
         Kind::Bc | Kind::Sqil => {
-            let learned = policies::learn(kind, demonstrations, expert, 0, &|_, _, _| {})?;
-            Ok(Box::new(RecurrentHuman::new(
+            let learned = policies::learn(
                 kind,
-                Arc::new(learned.policy),
-                learned.visible_m,
-            )))
+                demonstrations,
+                expert,
+                config::highway(),
+                0,
+                &|_, _, _| {},
+            )?;
+            Ok(Box::new(learned.person.human(kind, &model.layout)))
         }
     }
 }

@@ -9,11 +9,10 @@ pub use report::{Point, Report};
 
 use crate::table::{Table, ensure_same};
 use anyhow::{Context, ensure};
-use domains::highway::Scene;
-use models::observation::{AZIMUTHS, Shape};
-use models::policy::ActionDistribution;
+use domains::highway::{AZIMUTHS, Scene, modalities};
 use models::{
-    Beliefs, Communicated, HumanModel, Kind, Observations, RecurrentHuman, SelfHuman, SelfModel,
+    ActionDistribution, Beliefs, Communicated, HumanModel, Kind, Observations, PersonalPolicy,
+    SelfHuman, SelfModel, Shape,
 };
 use nn::Tensor;
 use rand::SeedableRng;
@@ -102,7 +101,7 @@ pub fn run(
         "fog_m": study.fog_m,
         "rule": study.rule,
         "drivers": names,
-        "self_model": models::checkpoint::digest(model),
+        "self_model": model.digest(),
     });
     ensure_same(&out.join("real.settings.json"), &about)?;
     let table = Table::open(&out.join("real.csv"), HEADER, 3)?;
@@ -196,6 +195,7 @@ fn learn(
             Ok(Box::new(SelfHuman::new(
                 model.clone(),
                 Some(learned.implants),
+                0,
             )))
         }
         Kind::Bc => {
@@ -209,20 +209,25 @@ fn learn(
             };
             // No simulated expert: people on a real motorway drive three times as fast as one in its world.
             let learned = cloning::learn(own, Vec::new(), &settings, &|_, _, _| {})?;
-            let policy = Arc::new(learned.policy);
-            Ok(Box::new(RecurrentHuman::new(kind, policy, visible_m)))
+            let person = PersonalPolicy {
+                policy: learned.policy,
+                limits: visible_m.to_vec(),
+                heard: 0,
+            };
+            Ok(Box::new(person.human(kind, &model.layout)))
         }
-        _ => Ok(Box::new(SelfHuman::new(model.clone(), None))),
+        _ => Ok(Box::new(SelfHuman::new(model.clone(), None, 0))),
     }
 }
 
 /// Mean −log π(a_t | what they perceived up to t) of a drive, in nats a step, after the warm-up.
 pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
-    let shape = Shape::HIGHWAY;
+    let layout = modalities::layout();
+    let shape = Shape::of(&layout);
     let mut beliefs = Beliefs::new(human.latent(), 1);
     let mut observations = Observations::new(&shape, 1);
     let mut action = Tensor::new(shape.action, 1);
-    let mut distribution = ActionDistribution::new(shape.action, 1);
+    let mut distribution = ActionDistribution::new(layout.actions, 1);
     let (mut sum, mut counted) = (0.0, 0);
     for (t, moment) in round.steps.iter().enumerate() {
         observations
@@ -244,6 +249,7 @@ pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use models::Sizes;
     use rand::RngExt;
     use training::demonstrations::Moment;
 
@@ -301,11 +307,10 @@ mod tests {
 
     #[test]
     fn a_score_is_the_mean_of_what_follows_the_warm_up() {
-        let model = SelfModel::new(
-            models::self_model::Sizes::HIGHWAY,
-            &mut ChaCha8Rng::seed_from_u64(1),
-        );
-        let mut human = SelfHuman::new(Arc::new(model), None);
+        let layout = modalities::layout();
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
+        let mut human = SelfHuman::new(Arc::new(model), None, 0);
         let round = driver(3, 12);
         let whole = score(&mut human, &round);
         // The same, summed from drives that end earlier: each adds its last step's share.

@@ -4,7 +4,7 @@ use crate::message::message;
 use crate::{Header, VERBAL_NUMBERS, VISUAL_NUMBERS};
 
 message! {
-    /// What the robot senses of a gridworld at step k. `domains::discrete::Layout` says what the numbers mean.
+    /// What the robot senses of a gridworld at step k. `domains::Layout` says what the numbers mean.
     pub struct Observation, "2" {
         /// Header; `cause_ns` is the moment of sensing.
         pub header: Header,

@@ -84,7 +84,7 @@ message! {
         pub road: f32,
         /// Collision penalty.
         pub collision: f32,
-        /// A gridworld's terms, in the order of `domains::discrete::Layout::terms`.
+        /// A gridworld's terms, in the order of `domains::Layout::terms`.
         pub terms: [f32; TERMS],
         /// 1 if the ego car touched another car or left the road in this step, or a person ran into an obstacle.
         pub collided: u32,

@@ -1,11 +1,10 @@
-//! The human model's trait, over batches of people, and its first implementation: the robot's self-model, unchanged
-//! (`self`) or with implants (`mirror`, `mirror-p`).
+//! The human model's trait, over batches of people, the kinds that there are, and what people believe.
 
-use crate::implants::Implants;
-use crate::observation::{AZIMUTHS, Communicated, Encoded, Observations, SECTORS, overlay};
+use crate::filter::sample;
+use crate::observation::{Communicated, Observations};
 use crate::policy::ActionDistribution;
-use crate::self_model::{SelfModel, sample, split_gaussian};
-use nn::{MlpScratch, Tensor};
+use domains::{ActionSpace, Layout, Mask};
+use nn::Tensor;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -112,7 +111,7 @@ impl Beliefs {
     }
 }
 
-/// A model of how people perceive and act, over batches (DESIGN §5). Implementations own their scratch memory: after a
+/// A model of how people perceive and act, over batches. Implementations own their scratch memory: after a
 /// first call of a given batch size, nothing allocates.
 ///
 /// Every implementation has to pass the conformance suite (`models/tests/conformance.rs`).
@@ -129,10 +128,8 @@ pub trait HumanModel: Send {
         self.latent()
     }
 
-    /// Room for this model's action distributions.
-    fn distribution(&self, batch: usize) -> ActionDistribution {
-        ActionDistribution::new(2, batch)
-    }
+    /// What people do.
+    fn actions(&self) -> ActionSpace;
 
     /// Updates beliefs with what people perceive (steps 4 to 7 of forward imagination): the observation through their
     /// perception, overlaid with what is communicated.
@@ -152,9 +149,10 @@ pub trait HumanModel: Send {
     /// The distribution of each person's next action.
     fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution);
 
-    /// The highway's models: what they think the person sees of each azimuth, in metres.
-    fn visible_m(&self) -> [f32; AZIMUTHS] {
-        [crate::observation::RANGE_M; AZIMUTHS]
+    /// What the model thinks limits the person's sight, in the order and unit of the domain's [`domains::Perception`];
+    /// infinite where nothing does, empty where the model cannot say.
+    fn limits(&self) -> &[f32] {
+        &[]
     }
 
     /// Whether z^H is a Gaussian in the same space as the robot's z^R, so that the two can be compared (MIRROR-KL).
@@ -180,116 +178,53 @@ pub fn following<'a>(
     Some(noise)
 }
 
-/// The self-model as a human model, with or without implants.
-pub struct SelfHuman {
-    model: Arc<SelfModel>,
-    implants: Option<Implants>,
-    thresholds_m: [f32; AZIMUTHS],
-    encoded: Encoded,
-    output: Tensor,
-    delta: Tensor,
-    scratch: MlpScratch,
+/// What a person of these limits perceives: the observation through their perception, overlaid with what is communicated (steps 4
+/// to 6 of forward imagination).
+#[derive(Clone, Debug)]
+pub(crate) struct Perceiver {
+    layout: Arc<Layout>,
+    /// In the order of [`domains::Perception`].
+    pub limits: Vec<f32>,
+    /// Utterances that the person hears without an assistant. Who speaks is no secret, so these are given, not learned.
+    heard: u32,
 }
 
-impl SelfHuman {
-    /// The self-model with `implants`, or unchanged without.
-    pub fn new(model: Arc<SelfModel>, implants: Option<Implants>) -> Self {
-        let thresholds_m = implants
-            .as_ref()
-            .map_or([f32::INFINITY; AZIMUTHS], Implants::thresholds_m);
-        let shape = model.sizes.shape;
-        let latent = model.sizes.latent;
+impl Perceiver {
+    pub fn new(layout: &Arc<Layout>, limits: Vec<f32>, heard: u32) -> Self {
+        debug_assert_eq!(limits.len(), layout.perception.limits());
         Self {
-            model,
-            implants,
-            thresholds_m,
-            encoded: Encoded::new(shape, 0),
-            output: Tensor::new(2 * latent, 0),
-            delta: Tensor::new(shape.action, 0),
-            scratch: MlpScratch::default(),
+            layout: Arc::clone(layout),
+            limits,
+            heard,
         }
     }
-}
 
-impl HumanModel for SelfHuman {
-    fn kind(&self) -> &'static str {
-        match &self.implants {
-            None => Kind::Myself,
-            Some(implants) if implants.has_policy() => Kind::Mirror,
-            Some(_) => Kind::MirrorP,
-        }
-        .name()
+    /// Nothing limits the person's sight.
+    pub fn of_everything(layout: &Arc<Layout>, heard: u32) -> Self {
+        let limits = vec![f32::INFINITY; layout.perception.limits()];
+        Self::new(layout, limits, heard)
     }
 
-    fn latent(&self) -> usize {
-        self.model.sizes.latent
+    /// Standard normals that perception takes per person.
+    pub fn noise_rows(&self) -> usize {
+        self.layout.perception.noise_rows()
     }
 
-    fn perceive(
-        &mut self,
-        beliefs: &mut Beliefs,
-        actions: &Tensor,
-        observations: &Observations,
-        communicated: &[Communicated],
+    /// What person `j` of a batch perceives. `noise`: [`Self::noise_rows`] numbers for each person.
+    pub fn perceive(
+        &self,
+        j: usize,
+        visual: &[f32],
+        communicated: Communicated,
         noise: Option<&[f32]>,
-    ) {
-        let batch = observations.batch();
-        self.encoded.resize(batch);
-        for j in 0..batch {
-            let visual = observations.visual.column(j);
-            let mut visual_mask = [0.0; AZIMUTHS];
-            let mut verbal_mask = [0.0; SECTORS];
-            // 4: x̌ = h_p(x̂)   5: û = w_ω(x̂)   6: x̊ = v(x̌, û)
-            Implants::visible(&self.thresholds_m, visual, &mut visual_mask);
-            overlay(communicated[j], visual, &mut visual_mask, &mut verbal_mask);
-            self.encoded.set(
-                j,
-                visual,
-                observations.verbal.column(j),
-                &visual_mask,
-                &verbal_mask,
-            );
-        }
-        // 7: z^H ~ q_φ(z^H | z^H', ǎ, x̊)
-        let p = &self.model.parameters;
-        if beliefs.fresh {
-            self.model
-                .first
-                .infer(p, &self.encoded.rows, &mut self.scratch, &mut self.output);
-        } else {
-            self.model.encoder.infer_stacked(
-                p,
-                &[&beliefs.z, actions, &self.encoded.rows],
-                &mut self.scratch,
-                &mut self.output,
-            );
-        }
-        beliefs.fresh = false;
-        split_gaussian(&self.output, &mut beliefs.mean, &mut beliefs.deviation);
-        match noise {
-            Some(noise) => sample(&beliefs.mean, &beliefs.deviation, noise, &mut beliefs.z),
-            None => {
-                beliefs
-                    .z
-                    .resize_to(beliefs.mean.rows(), beliefs.mean.cols());
-                beliefs.z.copy_from(&beliefs.mean);
-            }
-        }
-    }
-
-    fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution) {
-        out.infer(&self.model.policy, &self.model.parameters, &beliefs.z);
-        if let Some(implants) = &self.implants {
-            implants.shift(&beliefs.z, out, &mut self.scratch, &mut self.delta);
-        }
-    }
-
-    fn visible_m(&self) -> [f32; AZIMUTHS] {
-        self.thresholds_m
-            .map(|limit| limit.min(crate::observation::RANGE_M))
-    }
-
-    fn shares_latent(&self) -> bool {
-        true
+    ) -> Mask {
+        let rows = self.noise_rows();
+        let noise = noise.filter(|_| rows > 0);
+        let noise = noise.map(|noise| &noise[j * rows..(j + 1) * rows]);
+        // 4: x̌ = h_p(x̂)
+        let seen = self.layout.perception.seen(&self.limits, visual, noise);
+        // 5: û = w_ω(x̂)   6: x̊ = v(x̌, û)
+        self.layout
+            .overlay(seen, self.heard, communicated.bits(), visual)
     }
 }

@@ -53,27 +53,18 @@ mod stream {
 }
 
 impl ImaginedGroups {
-    /// Room for `groups` groups of at most `rows` people of whatever kind `model` is.
-    pub fn for_model(model: &dyn HumanModel, groups: usize, rows: usize) -> Self {
-        let distribution = model.distribution(rows);
-        let actions = distribution.shape().0;
-        Self {
-            distribution,
-            ..Self::new(model.latent(), actions, groups, rows)
-        }
-    }
-
-    /// Room for `groups` groups of at most `rows` people with Gaussian actions.
-    pub fn new(latent: usize, actions: usize, groups: usize, rows: usize) -> Self {
+    /// Room for `groups` groups of at most `rows` people as `model` has them.
+    pub fn new(model: &dyn HumanModel, groups: usize, rows: usize) -> Self {
+        let (latent, actions) = (model.latent(), model.actions());
         let group = || Group {
             beliefs: Beliefs::new(latent, rows),
-            actions: Tensor::new(actions, rows),
+            actions: Tensor::new(actions.rows(), rows),
             started: false,
         };
         Self {
             groups: (0..groups).map(|_| group()).collect(),
             compared: Beliefs::new(latent, rows),
-            noise: vec![0.0; latent * rows],
+            noise: vec![0.0; model.noise_rows() * rows],
             distribution: ActionDistribution::new(actions, rows),
         }
     }

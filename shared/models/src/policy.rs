@@ -1,38 +1,97 @@
-//! Distributions over actions: a Gaussian squashed by tanh (soft actor-critic, the highway) or a choice among a few
-//! (Boltzmann over Q-values, the gridworlds).
+//! The policy that belongs to a self-model, and distributions over actions: a Gaussian squashed by tanh (soft actor-critic)
+//! where actions are numbers, softmax(Q/temperature) where they are choices.
 
-use crate::self_model::split_gaussian;
-use nn::{Mlp, MlpScratch, Parameters, Tensor};
+use crate::filter::split_gaussian;
+use crate::sizes::Sizes;
+use domains::ActionSpace;
+use nn::{Activation, Mlp, MlpScratch, Parameters, Tensor};
+use rand_chacha::ChaCha8Rng;
 
-/// Network of the policy: `z → [mean; deviation before softplus]` of the action before tanh.
+/// π_ψ and Q_ψ.
 #[derive(Clone, Debug)]
-pub struct Policy {
-    /// Three dense layers.
-    pub network: Mlp,
+pub enum Policy {
+    /// Continuous actions.
+    SquashedGaussian {
+        /// `z → [mean; deviation before softplus]` of the action before tanh.
+        actor: Mlp,
+        /// The two critics Q_ψ: `[z; a] → Q`.
+        critics: [Mlp; 2],
+    },
+    /// Choices.
+    Boltzmann {
+        /// Q_ψ: `z →` the value of each action.
+        q: Mlp,
+        /// Temperature of softmax(Q / temperature), by which actions have likelihoods.
+        temperature: f32,
+    },
 }
 
-/// What kind of action a distribution is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Family {
-    /// a = tanh(u), u ~ N(mean, deviation²).
-    Gaussian,
-    /// One of a few choices; as an action, a column of zeros with a one.
-    Categorical,
+impl Policy {
+    /// Untrained networks.
+    pub(crate) fn new(
+        sizes: &Sizes,
+        actions: ActionSpace,
+        p: &mut Parameters,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let (latent, hidden) = (sizes.latent, sizes.policy_hidden);
+        let mut net = |name: &str, input: usize, output: usize| {
+            let widths = [input, hidden, hidden, output];
+            Mlp::new(p, name, &widths, Activation::Identity, rng)
+        };
+        match actions {
+            ActionSpace::Continuous(n) => Self::SquashedGaussian {
+                actor: net("policy", latent, 2 * n),
+                critics: [
+                    net("critic_1", latent + n, 1),
+                    net("critic_2", latent + n, 1),
+                ],
+            },
+            ActionSpace::Discrete(n) => Self::Boltzmann {
+                q: net("q", latent, n),
+                temperature: sizes.temperature,
+            },
+        }
+    }
+
+    /// Actor and critics.
+    ///
+    /// # Panics
+    /// If actions are choices.
+    pub fn actor_critic(&self) -> (&Mlp, &[Mlp; 2]) {
+        match self {
+            Self::SquashedGaussian { actor, critics } => (actor, critics),
+            Self::Boltzmann { .. } => panic!("a policy over choices has no actor"),
+        }
+    }
+
+    /// The network of the actions' values, and the temperature.
+    ///
+    /// # Panics
+    /// If actions are numbers.
+    pub fn q(&self) -> (&Mlp, f32) {
+        match self {
+            Self::Boltzmann { q, temperature } => (q, *temperature),
+            Self::SquashedGaussian { .. } => panic!("there is no value for each of all actions"),
+        }
+    }
 }
 
 /// A batch of action distributions, `actions × batch`.
 #[derive(Clone, Debug)]
-pub struct ActionDistribution {
-    /// Which of the fields below hold.
-    pub family: Family,
-    /// Gaussian: mean of u. Empty for choices.
-    pub mean: Tensor,
-    /// Gaussian: deviation of u. Empty for choices.
-    pub deviation: Tensor,
-    /// Categorical: log-probability of each choice. Empty for Gaussians.
-    pub log_probability: Tensor,
-    output: Tensor,
-    scratch: MlpScratch,
+pub enum ActionDistribution {
+    /// a = tanh(u), u ~ N(mean, deviation²).
+    Gaussian {
+        /// Mean of u.
+        mean: Tensor,
+        /// Deviation of u.
+        deviation: Tensor,
+    },
+    /// One of a few choices; as an action, a column of zeros with a one.
+    Categorical {
+        /// Log-probability of each choice.
+        log_probability: Tensor,
+    },
 }
 
 /// Actions are kept this far inside (−1, 1) where their u is needed: people do press pedals to the floor.
@@ -44,111 +103,106 @@ pub fn unsquash(action: f32) -> f32 {
 }
 
 impl ActionDistribution {
-    /// Room for a batch of Gaussian actions.
-    pub fn new(actions: usize, batch: usize) -> Self {
-        Self {
-            family: Family::Gaussian,
-            log_probability: Tensor::default(),
-            mean: Tensor::new(actions, batch),
-            deviation: Tensor::new(actions, batch),
-            output: Tensor::new(2 * actions, batch),
-            scratch: MlpScratch::default(),
-        }
-    }
-
-    /// Room for a batch of choices among `choices`.
-    pub fn categorical(choices: usize, batch: usize) -> Self {
-        Self {
-            family: Family::Categorical,
-            mean: Tensor::default(),
-            deviation: Tensor::default(),
-            log_probability: Tensor::new(choices, batch),
-            output: Tensor::default(),
-            scratch: MlpScratch::default(),
+    /// Room for a batch of actions.
+    pub fn new(actions: ActionSpace, batch: usize) -> Self {
+        match actions {
+            ActionSpace::Continuous(n) => Self::Gaussian {
+                mean: Tensor::new(n, batch),
+                deviation: Tensor::new(n, batch),
+            },
+            ActionSpace::Discrete(n) => Self::Categorical {
+                log_probability: Tensor::new(n, batch),
+            },
         }
     }
 
     /// Rows and columns of the actions.
     pub fn shape(&self) -> (usize, usize) {
-        let held = match self.family {
-            Family::Gaussian => &self.mean,
-            Family::Categorical => &self.log_probability,
-        };
-        (held.rows(), held.cols())
+        match self {
+            Self::Gaussian { mean: held, .. }
+            | Self::Categorical {
+                log_probability: held,
+            } => (held.rows(), held.cols()),
+        }
     }
 
-    /// π_ψ(· | z) for `z`: `latent × batch`.
-    pub fn infer(&mut self, policy: &Policy, p: &Parameters, z: &Tensor) {
-        self.infer_network(&policy.network, p, z);
+    /// Mean and deviation of u; none of choices.
+    pub fn gaussian(&self) -> Option<(&Tensor, &Tensor)> {
+        match self {
+            Self::Gaussian { mean, deviation } => Some((mean, deviation)),
+            Self::Categorical { .. } => None,
+        }
     }
 
-    /// As [`Self::infer`], with any network of twice as many outputs as there are actions.
-    pub fn infer_network(&mut self, network: &Mlp, p: &Parameters, z: &Tensor) {
-        network.infer(p, z, &mut self.scratch, &mut self.output);
-        split_gaussian(&self.output, &mut self.mean, &mut self.deviation);
+    /// Log-probabilities of choices; none of numbers.
+    pub fn log_probability(&self) -> Option<&Tensor> {
+        match self {
+            Self::Categorical { log_probability } => Some(log_probability),
+            Self::Gaussian { .. } => None,
+        }
+    }
+
+    /// What a network says at `x` (`features × batch`): twice as many outputs as there are numbers in an action, or a logit
+    /// for each choice, to be divided by `temperature`.
+    pub fn infer(
+        &mut self,
+        network: &Mlp,
+        temperature: f32,
+        p: &Parameters,
+        x: &Tensor,
+        scratch: &mut HeadScratch,
+    ) {
+        match self {
+            Self::Gaussian { mean, deviation } => {
+                network.infer(p, x, &mut scratch.mlp, &mut scratch.output);
+                split_gaussian(&scratch.output, mean, deviation);
+            }
+            Self::Categorical { log_probability } => {
+                network.infer(p, x, &mut scratch.mlp, log_probability);
+                let inverse = 1.0 / temperature;
+                for value in log_probability.data_mut() {
+                    *value *= inverse;
+                }
+                nn::log_softmax_in_place(log_probability);
+            }
+        }
     }
 
     /// Samples into `actions`: a = tanh(μ + σ ε), or a choice as a column with a one; the mode where `noise` is none.
     /// `noise`: standard normals of the actions' shape (choices need two rows or more).
     pub fn sample(&self, noise: Option<&[f32]>, actions: &mut Tensor) {
-        if self.family == Family::Categorical {
-            self.choose(noise, actions);
-            return;
-        }
-        actions.resize_to(self.mean.rows(), self.mean.cols());
+        let (mean, deviation) = match self {
+            Self::Gaussian { mean, deviation } => (mean, deviation),
+            Self::Categorical { log_probability } => {
+                return choose(log_probability, noise, actions);
+            }
+        };
+        actions.resize_to(mean.rows(), mean.cols());
         let out = actions.data_mut();
         match noise {
             None => {
-                for (a, mean) in out.iter_mut().zip(self.mean.data()) {
+                for (a, mean) in out.iter_mut().zip(mean.data()) {
                     *a = mean.tanh();
                 }
             }
             Some(noise) => {
-                for (((a, mean), deviation), noise) in out
-                    .iter_mut()
-                    .zip(self.mean.data())
-                    .zip(self.deviation.data())
-                    .zip(noise)
-                {
+                let gaussians = mean.data().iter().zip(deviation.data()).zip(noise);
+                for (a, ((mean, deviation), noise)) in out.iter_mut().zip(gaussians) {
                     *a = (mean + deviation * noise).tanh();
                 }
             }
         }
     }
 
-    /// A choice per column.
-    fn choose(&self, noise: Option<&[f32]>, actions: &mut Tensor) {
-        let (choices, batch) = self.shape();
-        actions.resize_to(choices, batch);
-        actions.fill(0.0);
-        for j in 0..batch {
-            let log = self.log_probability.column(j);
-            let choice = match noise {
-                None => largest(log),
-                // exp(−(a² + b²)/2) of two independent standard normals is uniform on (0, 1].
-                Some(noise) => {
-                    let (a, b) = (noise[j * choices], noise[j * choices + 1]);
-                    let uniform = (-0.5 * (a * a + b * b)).exp();
-                    let mut below = 0.0;
-                    let passed = log[..choices - 1].iter().take_while(|log| {
-                        below += log.exp();
-                        below < uniform
-                    });
-                    passed.count()
-                }
-            };
-            actions.column_mut(j)[choice] = 1.0;
-        }
-    }
-
     /// log π(a | z) of column `j`. Gaussian: a density over a ∈ (−1, 1), per dimension
     /// log N(u; μ, σ²) − log(1 − a²), u = atanh(a). Categorical: the chosen one's log-probability.
     pub fn log_density(&self, j: usize, action: &[f32]) -> f32 {
-        if self.family == Family::Categorical {
-            return self.log_probability.column(j)[largest(action)];
-        }
-        let mean = self.mean.column(j);
-        let deviation = self.deviation.column(j);
+        let (mean, deviation) = match self {
+            Self::Gaussian { mean, deviation } => (mean.column(j), deviation.column(j)),
+            Self::Categorical { log_probability } => {
+                return log_probability.column(j)[largest(action)];
+            }
+        };
         let mut sum = 0.0;
         for i in 0..action.len() {
             let u = unsquash(action[i]);
@@ -160,6 +214,38 @@ impl ActionDistribution {
                 - (1.0 - a * a).ln();
         }
         sum
+    }
+}
+
+/// One caller's memory for [`ActionDistribution::infer`].
+#[derive(Clone, Debug, Default)]
+pub struct HeadScratch {
+    mlp: MlpScratch,
+    output: Tensor,
+}
+
+/// A choice per column.
+fn choose(log_probability: &Tensor, noise: Option<&[f32]>, actions: &mut Tensor) {
+    let (choices, batch) = (log_probability.rows(), log_probability.cols());
+    actions.resize_to(choices, batch);
+    actions.fill(0.0);
+    for j in 0..batch {
+        let log = log_probability.column(j);
+        let choice = match noise {
+            None => largest(log),
+            // exp(−(a² + b²)/2) of two independent standard normals is uniform on (0, 1].
+            Some(noise) => {
+                let (a, b) = (noise[j * choices], noise[j * choices + 1]);
+                let uniform = (-0.5 * (a * a + b * b)).exp();
+                let mut below = 0.0;
+                let passed = log[..choices - 1].iter().take_while(|log| {
+                    below += log.exp();
+                    below < uniform
+                });
+                passed.count()
+            }
+        };
+        actions.column_mut(j)[choice] = 1.0;
     }
 }
 

@@ -1,49 +1,83 @@
 //! Recurrent policies as human models: behavioural cloning (`bc`) and soft-Q imitation (`sqil`).
 //!
-//! A GRU takes what the person perceives and their last action, and dense layers give a Gaussian with diagonal covariance
-//! (paper, appendix "CARLA"):
+//! A GRU takes what the person perceives and their last action, and dense layers give the action (paper, appendix): a Gaussian
+//! with diagonal covariance where actions are numbers, logits where they are choices.
 //!
 //! ```text
-//! h_t = GRU([x̊_t; masks; a_{t−1}], h_{t−1}),   a_t = tanh(u),   u ~ N(μ(h_t), σ(h_t)²)
+//! h_t = GRU([features(x̊_t); a_{t−1}], h_{t−1})
+//! a_t = tanh(u),  u ~ N(μ(h_t), σ(h_t)²)      or      π(a | h_t) = softmax(dense layers of h_t)
 //! ```
 //!
-//! These models are told what the person can see (paper §IV-A); the belief that they carry is h.
+//! Of choices, behavioural cloning learns the logits, soft-Q imitation Q-values of temperature 1, whose soft policy is the same
+//! softmax. These models are told what the person can see (paper §IV-A); the belief that they carry is h.
 
-use crate::human::{Beliefs, HumanModel, Kind};
-use crate::implants::Implants;
-use crate::observation::{
-    AZIMUTHS, Communicated, Encoded, Observations, RANGE_M, SECTORS, Shape, overlay,
-};
-use crate::policy::ActionDistribution;
+use crate::config::{self, PolicyNetwork};
+use crate::human::{Beliefs, HumanModel, Kind, Perceiver};
+use crate::observation::{Communicated, Observations};
+use crate::policy::{ActionDistribution, HeadScratch};
+use crate::reader::{Reader, ReaderScratch};
 use crate::self_model::SelfModel;
+use crate::sizes::Sizes;
+use crate::view::View;
+use domains::{ActionSpace, Layout, Mask};
 use nn::{Activation, Gru, GruScratch, Mlp, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Sizes of a recurrent policy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecurrentSizes {
-    /// Modalities and action.
-    pub shape: Shape,
-    /// Features of h, and neurons of each hidden dense layer.
+    /// The self-model's, for what is observed and the networks that read it.
+    pub model: Sizes,
+    /// Features of h: the paper's 48.
     pub hidden: usize,
-    /// Dense layers after the GRU.
+    /// Neurons of each hidden dense layer.
+    pub dense: usize,
+    /// Dense layers behind the GRU.
     pub layers: usize,
 }
 
 impl RecurrentSizes {
-    /// The highway's (paper, appendix "CARLA").
-    pub const HIGHWAY: Self = Self {
-        shape: Shape::HIGHWAY,
-        hidden: 128,
-        layers: 3,
-    };
+    /// The sizes of a domain's configuration, with this many dense layers.
+    pub fn of(layout: &Layout, layers: usize) -> Self {
+        let PolicyNetwork { hidden, dense } = config::policy(layout.domain);
+        Self {
+            model: Sizes::of(layout),
+            hidden,
+            dense,
+            layers,
+        }
+    }
 
-    /// Rows of the GRU's input: the masked observation with its masks, and the last action.
+    /// The same with this many dense layers.
+    pub fn with_layers(self, layers: usize) -> Self {
+        Self { layers, ..self }
+    }
+
+    /// Rows of the GRU's input where there is no image: the masked observation with its masks, and the last action.
     pub const fn input(&self) -> usize {
-        self.shape.encoded() + self.shape.action
+        self.model.shape.encoded() + self.model.shape.action
+    }
+
+    /// A reason why these sizes make no sense for a layout, if there is one.
+    pub fn problem(&self, layout: &Layout) -> Option<String> {
+        if let Some(reason) = self.model.problem(layout) {
+            return Some(reason);
+        }
+        let possible = (1..=1024).contains(&self.hidden)
+            && (1..=4096).contains(&self.dense)
+            && (1..=8).contains(&self.layers);
+        (!possible).then(|| {
+            let Self {
+                hidden,
+                dense,
+                layers,
+                ..
+            } = self;
+            format!("a policy of {hidden} features and {layers} layers of {dense} is out of bounds")
+        })
     }
 }
 
@@ -52,39 +86,75 @@ impl RecurrentSizes {
 pub struct RecurrentPolicy {
     /// Sizes.
     pub sizes: RecurrentSizes,
+    /// How masked observations look.
+    pub view: View,
     /// Every parameter of the networks below.
     pub parameters: Parameters,
-    /// `[x̊; masks; a] , h → h`.
+    /// Reads observations.
+    pub reader: Reader,
+    /// `[features; a], h → h`.
     pub gru: Gru,
-    /// `h → [mean; deviation before softplus]` of the action before tanh.
+    /// `h →` mean and deviation before softplus of an action before tanh, or a logit or value of each choice.
     pub head: Mlp,
+    /// What the person does.
+    pub actions: ActionSpace,
 }
 
 impl RecurrentPolicy {
     /// An untrained policy.
-    pub fn new(sizes: RecurrentSizes, rng: &mut ChaCha8Rng) -> Self {
-        let mut parameters = Parameters::new();
-        let gru = Gru::new(&mut parameters, "gru", sizes.input(), sizes.hidden, rng);
-        let mut widths = vec![sizes.hidden; sizes.layers];
-        widths.push(2 * sizes.shape.action);
-        let head = Mlp::new(&mut parameters, "head", &widths, Activation::Identity, rng);
+    pub fn new(sizes: RecurrentSizes, layout: &Layout, rng: &mut ChaCha8Rng) -> Self {
+        let view = View::new(layout);
+        let mut p = Parameters::new();
+        let reader = Reader::new(&sizes.model, &view, &mut p, rng);
+        let actions = sizes.model.shape.action;
+        let gru = Gru::new(&mut p, "gru", reader.rows() + actions, sizes.hidden, rng);
+        let mut widths = vec![sizes.hidden];
+        widths.extend(vec![sizes.dense; sizes.layers.saturating_sub(1)]);
+        widths.push(match layout.actions {
+            ActionSpace::Continuous(n) => 2 * n,
+            ActionSpace::Discrete(n) => n,
+        });
+        let head = Mlp::new(&mut p, "head", &widths, Activation::Identity, rng);
         Self {
             sizes,
-            parameters,
+            view,
+            parameters: p,
+            reader,
             gru,
             head,
+            actions: layout.actions,
         }
     }
 
-    /// h_t on a tape: `input` of [`RecurrentSizes::input`] rows, `hidden` h_{t−1}.
-    pub fn step(&self, tape: &mut Tape, input: Var, hidden: Var) -> Var {
-        tape.gru(&self.gru, input, hidden)
+    /// Mean and deviation of u, `actions × batch` each, from h on a tape, where actions are numbers.
+    pub fn gaussian(&self, tape: &mut Tape, h: Var) -> (Var, Var) {
+        let output = tape.mlp(&self.head, h);
+        SelfModel::gaussian(tape, output, self.actions.rows())
     }
 
-    /// Mean and deviation of u, `2 × batch` each, from h on a tape.
-    pub fn action(&self, tape: &mut Tape, hidden: Var) -> (Var, Var) {
-        let output = tape.mlp(&self.head, hidden);
-        SelfModel::gaussian(tape, output, self.sizes.shape.action)
+    /// The head's output at every step of a batch of sequences: `outputs × (steps · columns)`. `observed`: `view rows × …`;
+    /// `previous`: `actions × …`; both step after step.
+    pub fn on_tape(
+        &self,
+        tape: &mut Tape,
+        observed: &Tensor,
+        previous: &Tensor,
+        columns: usize,
+    ) -> Var {
+        let steps = observed.cols() / columns.max(1);
+        let observed = tape.input(observed);
+        let features = self.reader.on_tape(tape, observed);
+        let previous = tape.input(previous);
+        let input = tape.concat(&[features, previous]);
+        let mut h = tape.constant(self.sizes.hidden, columns, 0.0);
+        let mut all = Vec::with_capacity(steps);
+        for t in 0..steps {
+            let x = tape.columns(input, t * columns..(t + 1) * columns);
+            h = tape.gru(&self.gru, x, h);
+            all.push(h);
+        }
+        let h = tape.join(&all);
+        tape.mlp(&self.head, h)
     }
 }
 
@@ -92,27 +162,44 @@ impl RecurrentPolicy {
 pub struct RecurrentHuman {
     kind: Kind,
     policy: Arc<RecurrentPolicy>,
-    /// What the person can see of each azimuth: told, not learned.
-    visible_m: [f32; AZIMUTHS],
-    encoded: Encoded,
+    /// The person's true limits: told, not learned.
+    perceiver: Perceiver,
+    last: Mask,
+    observed: Tensor,
     input: Tensor,
     before: Tensor,
-    scratch: GruScratch,
+    reader: ReaderScratch,
+    gru: GruScratch,
+    head: HeadScratch,
 }
 
 impl RecurrentHuman {
-    /// A person who sees each azimuth up to `visible_m`. `kind` says how the policy was learned.
-    pub fn new(kind: Kind, policy: Arc<RecurrentPolicy>, visible_m: [f32; AZIMUTHS]) -> Self {
-        let sizes = policy.sizes;
+    /// A person whose sight has these limits, and who hears the utterances in `heard` without an assistant. `kind` says how the
+    /// policy was learned.
+    pub fn new(
+        kind: Kind,
+        policy: Arc<RecurrentPolicy>,
+        layout: &Arc<Layout>,
+        limits: Vec<f32>,
+        heard: u32,
+    ) -> Self {
         Self {
             kind,
-            visible_m,
-            encoded: Encoded::new(sizes.shape, 0),
-            input: Tensor::new(sizes.input(), 0),
-            before: Tensor::new(sizes.hidden, 0),
-            scratch: GruScratch::default(),
+            perceiver: Perceiver::new(layout, limits, heard),
+            last: Mask::NONE,
+            observed: Tensor::new(policy.view.rows(), 0),
+            input: Tensor::default(),
+            before: Tensor::default(),
+            reader: ReaderScratch::default(),
+            gru: GruScratch::default(),
+            head: HeadScratch::default(),
             policy,
         }
+    }
+
+    /// What the last person of the last batch perceived.
+    pub fn perceived(&self) -> Mask {
+        self.last
     }
 }
 
@@ -125,62 +212,92 @@ impl HumanModel for RecurrentHuman {
         self.policy.sizes.hidden
     }
 
+    fn noise_rows(&self) -> usize {
+        self.latent() + self.perceiver.noise_rows()
+    }
+
+    fn actions(&self) -> ActionSpace {
+        self.policy.actions
+    }
+
     fn perceive(
         &mut self,
         beliefs: &mut Beliefs,
         actions: &Tensor,
         observations: &Observations,
         communicated: &[Communicated],
-        _noise: Option<&[f32]>, // h follows from what was perceived, without chance
+        noise: Option<&[f32]>,
     ) {
         let batch = observations.batch();
-        let hidden = self.policy.sizes.hidden;
-        self.encoded.resize(batch);
-        self.input.resize_to(self.policy.sizes.input(), batch);
-        self.before.resize_to(hidden, batch);
+        let policy = &*self.policy;
+        let hidden = policy.sizes.hidden;
+        self.observed.resize_to(policy.view.rows(), batch);
+        // h follows from what is perceived without chance; what is perceived may not.
+        let of_sight = noise.map(|noise| &noise[hidden * batch..]);
         for j in 0..batch {
             let visual = observations.visual.column(j);
-            let mut visual_mask = [0.0; AZIMUTHS];
-            let mut verbal_mask = [0.0; SECTORS];
-            Implants::visible(&self.visible_m, visual, &mut visual_mask);
-            overlay(communicated[j], visual, &mut visual_mask, &mut verbal_mask);
-            let verbal = observations.verbal.column(j);
-            self.encoded
-                .set(j, visual, verbal, &visual_mask, &verbal_mask);
-            let (observed, action) = self
-                .input
-                .column_mut(j)
-                .split_at_mut(self.policy.sizes.shape.encoded());
-            observed.copy_from_slice(self.encoded.rows.column(j));
-            if beliefs.fresh {
-                action.fill(0.0);
-            } else {
-                action.copy_from_slice(actions.column(j));
-            }
+            let mask = self
+                .perceiver
+                .perceive(j, visual, communicated[j], of_sight);
+            self.last = mask;
+            let (verbal, out) = (observations.verbal.column(j), self.observed.column_mut(j));
+            policy.view.write(visual, verbal, mask, out);
         }
+        self.before.resize_to(hidden, batch);
         if beliefs.fresh {
             self.before.fill(0.0);
         } else {
-            self.before.copy_from(&beliefs.z);
+            self.before.copy_from(&beliefs.mean);
         }
-        beliefs.fresh = false;
-        self.policy.gru.infer(
-            &self.policy.parameters,
+        let taken = policy.sizes.model.shape.action;
+        let rows = policy.reader.rows() + taken;
+        let (input, fresh) = (&mut self.input, beliefs.fresh);
+        policy.reader.infer(
+            &policy.parameters,
+            &mut self.reader,
+            &self.observed,
+            |features| {
+                input.resize_to(rows, batch);
+                for j in 0..batch {
+                    let column = input.column_mut(j);
+                    let mut at = 0;
+                    for block in features {
+                        column[at..at + block.rows()].copy_from_slice(block.column(j));
+                        at += block.rows();
+                    }
+                    if fresh {
+                        column[at..].fill(0.0);
+                    } else {
+                        column[at..].copy_from_slice(actions.column(j));
+                    }
+                }
+            },
+        );
+        policy.gru.infer(
+            &policy.parameters,
             &self.input,
             &self.before,
-            &mut self.scratch,
+            &mut self.gru,
             &mut beliefs.mean,
         );
         beliefs.deviation.resize_to(hidden, batch);
         beliefs.deviation.fill(0.0);
         beliefs.z.copy_from(&beliefs.mean);
+        beliefs.fresh = false;
     }
 
     fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution) {
-        out.infer_network(&self.policy.head, &self.policy.parameters, &beliefs.z);
+        let policy = &*self.policy;
+        out.infer(
+            &policy.head,
+            1.0,
+            &policy.parameters,
+            &beliefs.z,
+            &mut self.head,
+        );
     }
 
-    fn visible_m(&self) -> [f32; AZIMUTHS] {
-        self.visible_m.map(|limit| limit.clamp(0.0, RANGE_M))
+    fn limits(&self) -> &[f32] {
+        &self.perceiver.limits
     }
 }

@@ -1,7 +1,8 @@
 //! The table that turns an utterance into the numbers that models hear: a sentence encoder's embedding, reduced by an
-//! autoencoder to 19 dimensions (DESIGN §4 Language, §11; paper, appendix, "Search and Rescue").
+//! autoencoder to 19 dimensions (paper, appendix, "Search and Rescue").
 
-use crate::observation::{PER_SECTOR, RANGE_M, SECTORS};
+use domains::highway::modalities::PER_SECTOR;
+use domains::highway::{LIDAR_RANGE_M as RANGE_M, SECTORS};
 use thiserror::Error;
 
 /// What an utterance says of its sector.

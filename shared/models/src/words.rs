@@ -1,7 +1,8 @@
 //! The gridworlds' words that ship with the project: a sentence encoder's embeddings, reduced by an autoencoder
-//! (`tools/embed_utterances.py`; DESIGN §4 Language).
+//! (`tools/embed_utterances.py`).
 
-use domains::discrete::{Discrete, Domain, Layout, Scene, Words, WordsError, World};
+use domains::Layout;
+use domains::discrete::{Discrete, Domain, Scene, Words, WordsError, World};
 use std::sync::Arc;
 use thiserror::Error;
 

@@ -6,9 +6,9 @@
 //! `cargo bench -p planning --bench plan`
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use domains::highway::modalities::layout;
 use models::imagined::ImaginedGroups;
-use models::self_model::Sizes;
-use models::{Beliefs, HumanModel, Implants, SelfHuman, SelfModel};
+use models::{Beliefs, Implants, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::planner::{From, GROUPS, Planner};
 use planning::{LocalPeople, Settings, ThreadedPeople};
@@ -45,7 +45,7 @@ struct Setting {
 impl Setting {
     fn new() -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let model = Arc::new(SelfModel::new(Sizes::HIGHWAY, &mut rng));
+        let model = Arc::new(SelfModel::new(Sizes::of(&layout()), layout(), &mut rng));
         let latent = model.sizes.latent;
         let mut mean = Tensor::new(latent, 1);
         nn::noise::fill(mean.data_mut(), 5, 0);
@@ -65,8 +65,8 @@ impl Setting {
 
     fn human(&self) -> SelfHuman {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let implants = Implants::new(self.model.sizes.latent, 2, true, &mut rng);
-        SelfHuman::new(self.model.clone(), Some(implants))
+        let implants = Implants::new(&self.model, true, &mut rng);
+        SelfHuman::new(self.model.clone(), Some(implants), 0)
     }
 
     fn from(&self, step: u32, speech_ready_steps: usize) -> From<'_> {
@@ -122,7 +122,7 @@ fn plan(c: &mut Criterion) {
         group.bench_function(format!("one thread, {name}"), |b| {
             let mut planner = Planner::new(settings, &setting.model);
             let mut human = setting.human();
-            let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
+            let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
             let mut pending = vec![Tensor::new(2, rows); GROUPS];
             let mut step = 0;
             b.iter(|| {

@@ -2,56 +2,68 @@
 //! set does the same with messages in between; given the same inputs both decide the same, bit for bit.
 
 use crate::chooser::{Chooser, Method};
-use crate::people::{LocalPeople, PeopleError};
-use crate::planner::{Decision, From, GROUPS, Settings};
+use crate::items::{Items, Sectors};
+use crate::people::{ImaginedPeople, LocalPeople, PeopleError};
+use crate::planner::{Decision, From, GROUPS, Plan, Settings};
+use models::human::following;
 use models::imagined::ImaginedGroups;
-use models::observation::{AZIMUTHS, Encoded, SECTORS};
-use models::policy::ActionDistribution;
-use models::{Beliefs, Communicated, Filter, HumanModel, Observations, SelfModel};
+use models::{
+    ActionDistribution, Beliefs, Communicated, Filter, HumanModel, Observations, SelfModel,
+};
 use nn::Tensor;
 use std::sync::Arc;
 
 /// A robot's self-model, a human model and a planner.
-pub struct Assistant {
+pub struct Assistant<I: Items = Sectors> {
     model: Arc<SelfModel>,
     human: Box<dyn HumanModel>,
-    planner: Chooser,
+    planner: Chooser<SelfModel, I>,
     filter: Filter,
     beliefs: Beliefs,
     expected: ActionDistribution,
     observations: Observations,
-    encoded: Encoded,
+    observed: Tensor,
     action: Tensor,
     groups: ImaginedGroups,
     pending: Vec<Tensor>,
+    noise: Vec<f32>,
 }
 
-impl Assistant {
-    /// An assistant that observed nothing yet. Settings must have no [`Settings::problem`].
-    pub fn new(model: Arc<SelfModel>, human: Box<dyn HumanModel>, settings: Settings) -> Self {
-        Self::with_method(model, human, settings, Method::Ce)
-    }
+/// When a plan is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Moment {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Episode.
+    pub episode: u32,
+    /// Step k.
+    pub step: u32,
+    /// Steps until the next sentence may start.
+    pub speech_ready_steps: usize,
+}
 
-    /// As [`Self::new`], deciding by `method`.
-    pub fn with_method(
+impl<I: Items> Assistant<I> {
+    /// An assistant that observed nothing yet and communicates `items`. Settings must have no [`Settings::problem`].
+    pub fn new(
         model: Arc<SelfModel>,
         human: Box<dyn HumanModel>,
         settings: Settings,
         method: Method,
+        items: I,
     ) -> Self {
-        let sizes = model.sizes;
-        let actions = sizes.shape.action;
+        let shape = model.sizes.shape;
         let rows = settings.samples / GROUPS;
         Self {
-            planner: Chooser::new(method, settings, &model),
-            filter: Filter::new(sizes.latent, 1),
+            planner: Chooser::with_items(method, settings, &*model, items),
+            filter: Filter::new(model.sizes.latent, 1),
             beliefs: Beliefs::new(human.latent(), 1),
-            expected: ActionDistribution::new(actions, 1),
-            observations: Observations::new(&sizes.shape, 1),
-            encoded: Encoded::new(sizes.shape, 1),
-            action: Tensor::new(actions, 1),
-            groups: ImaginedGroups::new(human.latent(), actions, GROUPS, rows),
-            pending: vec![Tensor::new(actions, rows); GROUPS],
+            expected: ActionDistribution::new(human.actions(), 1),
+            observations: Observations::new(&shape, 1),
+            observed: Tensor::new(model.view.rows(), 1),
+            action: Tensor::new(shape.action, 1),
+            groups: ImaginedGroups::new(&*human, GROUPS, rows),
+            pending: vec![Tensor::new(shape.action, rows); GROUPS],
+            noise: vec![0.0; human.noise_rows()],
             model,
             human,
         }
@@ -63,33 +75,33 @@ impl Assistant {
         self.beliefs.reset();
     }
 
-    /// Step k is sensed: updates z^R and z^H. `visual`: 113 numbers as sensed; `verbal`: 120, of what was really spoken;
-    /// `shown`: the sectors highlighted and spoken about; `taken`: the person's action at k − 1 (ignored at first).
+    /// Step k is sensed: updates z^R and z^H. `visual`: as sensed; `verbal`: what was, or could be, said; `told`: the items
+    /// that are communicated in this step; `taken`: the person's action at k − 1, zeros at first; `at`: seed, episode and
+    /// step, which decide what the person is taken to notice by chance.
     pub fn observe(
         &mut self,
         visual: &[f32],
         verbal: &[f32],
-        shown: Communicated,
-        taken: [f32; 2],
+        told: Communicated,
+        taken: &[f32],
+        at: [u64; 3],
     ) {
-        self.action.column_mut(0).copy_from_slice(&taken);
-        self.encoded
-            .set(0, visual, verbal, &[1.0; AZIMUTHS], &[0.0; SECTORS]);
-        self.filter.update(&self.model, &self.action, &self.encoded);
-        self.observations
-            .visual
-            .column_mut(0)
-            .copy_from_slice(visual);
-        self.observations
-            .verbal
-            .column_mut(0)
-            .copy_from_slice(verbal);
+        self.action.column_mut(0).copy_from_slice(taken);
+        let sensed = self.model.layout.sensed;
+        let out = self.observed.column_mut(0);
+        self.model.view.write(visual, verbal, sensed, out);
+        self.filter
+            .update(&self.model, &self.action, &self.observed);
+        let seen = &mut self.observations;
+        seen.visual.column_mut(0).copy_from_slice(visual);
+        seen.verbal.column_mut(0).copy_from_slice(verbal);
+        let noise = following(&*self.human, at, &mut self.noise);
         self.human.perceive(
             &mut self.beliefs,
             &self.action,
             &self.observations,
-            &[shown],
-            None,
+            &[told],
+            noise,
         );
     }
 
@@ -99,33 +111,78 @@ impl Assistant {
         &self.expected
     }
 
-    /// Decides what to communicate at step k + 1, knowing what the person does at step k.
+    /// Probability of an item in the last plan's first decision: visual items, then verbal ones.
+    pub fn probability(&self, item: usize) -> f32 {
+        self.planner.probability(item)
+    }
+
+    /// What the robot believes: mean and deviation of z^R, `latent × 1`.
+    pub fn belief(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// Decides what to communicate at step k + 1, knowing what the person does at step k where `known_action` says so.
     ///
     /// # Errors
     /// None that a human model in the same process could cause.
-    pub fn decide(
+    pub fn search(
         &mut self,
-        known_action: Option<[f32; 2]>,
-        speech_ready_steps: usize,
-        seed: u64,
-        episode: u32,
-        step: u32,
-    ) -> Result<Decision, PeopleError> {
+        known_action: Option<&[f32]>,
+        moment: Moment,
+    ) -> Result<Plan, PeopleError> {
         let mut people = LocalPeople {
             model: self.human.as_mut(),
             person: &self.beliefs,
             groups: &mut self.groups,
             pending: &mut self.pending,
         };
-        let from = From {
-            mean: &self.filter.mean,
-            deviation: &self.filter.deviation,
-            known_action,
-            speech_ready_steps,
-            seed,
-            episode,
-            step,
-        };
-        self.planner.plan(&self.model, from, &mut people)
+        let from = from(&self.filter, known_action, moment);
+        self.planner.search(&self.model, &from, &mut people)
+    }
+
+    /// [`Self::search`] with imagined people of the caller's, in place of the human model.
+    ///
+    /// # Errors
+    /// What the people answer.
+    pub fn search_with(
+        &mut self,
+        people: &mut dyn ImaginedPeople,
+        known_action: Option<&[f32]>,
+        moment: Moment,
+    ) -> Result<Plan, PeopleError> {
+        let from = from(&self.filter, known_action, moment);
+        self.planner.search(&self.model, &from, people)
+    }
+}
+
+impl Assistant {
+    /// [`Self::search`] on the highway, with the probability of each item.
+    ///
+    /// # Errors
+    /// None that a human model in the same process could cause.
+    pub fn decide(
+        &mut self,
+        known_action: Option<[f32; 2]>,
+        moment: Moment,
+    ) -> Result<Decision, PeopleError> {
+        let known_action = known_action.as_ref().map(<[f32; 2]>::as_slice);
+        let plan = self.search(known_action, moment)?;
+        Ok(self.planner.decision(plan))
+    }
+}
+
+fn from<'a>(
+    filter: &'a Filter,
+    known_action: Option<&'a [f32]>,
+    moment: Moment,
+) -> From<'a, &'a [f32]> {
+    From {
+        mean: &filter.mean,
+        deviation: &filter.deviation,
+        known_action,
+        speech_ready_steps: moment.speech_ready_steps,
+        seed: moment.seed,
+        episode: moment.episode,
+        step: moment.step,
     }
 }

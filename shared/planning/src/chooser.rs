@@ -45,11 +45,16 @@ impl Chooser {
         people: &mut dyn ImaginedPeople,
     ) -> Result<Decision, PeopleError> {
         let plan = self.search(model, &from, people)?;
+        Ok(self.decision(plan))
+    }
+
+    /// A plan with the probability of each item.
+    pub(crate) fn decision(&self, plan: Plan) -> Decision {
         let mut probability = [0.0; BITS];
         for (b, probability) in probability.iter_mut().enumerate() {
             *probability = self.probability(b);
         }
-        Ok(Decision::of(plan, probability))
+        Decision::of(plan, probability)
     }
 }
 

@@ -3,7 +3,8 @@
 
 use crate::people::{ImaginedPeople, PeopleError};
 use crate::planner::{GROUPS, mix};
-use domains::discrete::{Layout, Mask, Mind, SimulatedPerson};
+use domains::Layout;
+use domains::discrete::{Mind, SimulatedPerson};
 use models::{Communicated, Observations};
 use nn::Tensor;
 
@@ -21,7 +22,7 @@ impl IdealPeople {
     pub fn new(person: &SimulatedPerson, layout: &Layout) -> Self {
         Self {
             person: person.clone(),
-            actions: layout.actions,
+            actions: layout.actions.rows(),
             groups: Default::default(),
             done: Default::default(),
         }
@@ -65,7 +66,7 @@ impl ImaginedPeople for IdealPeople {
         for (j, (person, done)) in people.enumerate() {
             let (visual, verbal) = (observations.visual.column(j), observations.verbal.column(j));
             let seen = person.look(visual);
-            person.perceive(visual, verbal, seen | Mask::from(communicated[j]));
+            person.perceive(visual, verbal, seen | communicated[j].mask());
             *done = person.act();
         }
         Ok(())

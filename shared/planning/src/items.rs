@@ -1,8 +1,12 @@
 //! What can be communicated at one moment, and what that costs: the planner's view of a domain's communication channels.
 
 use crate::planner::Settings;
+use domains::Layout;
+use domains::discrete::Planning;
+use domains::highway::SECTORS;
+use domains::highway::modalities::azimuths_shown;
 use models::Communicated;
-use models::observation::{SECTORS, azimuths_shown};
+use std::sync::Arc;
 
 /// The items of a domain: `visual_items()` things that can be shown, `verbal_items()` that can be said.
 pub trait Items {
@@ -56,5 +60,56 @@ impl Items for Sectors {
 
     fn cost(&self, settings: &Settings, communicated: Communicated) -> f32 {
         settings.cost(communicated)
+    }
+}
+
+/// A gridworld's: what can be hidden can be shown, and what can be heard can be said.
+impl Items for Arc<Layout> {
+    fn visual_items(&self) -> usize {
+        self.regions
+    }
+
+    fn verbal_items(&self) -> usize {
+        self.utterances
+    }
+
+    fn possible(&self) -> Communicated {
+        Communicated::items(self.communicable)
+    }
+
+    fn hears(&self) -> bool {
+        self.heard != 0
+    }
+
+    /// All of them: a step of a gridworld is long.
+    fn spoken_at_once(&self) -> u32 {
+        self.utterances as u32
+    }
+
+    /// The domain's costs, quadratic in the number of items of each modality (paper, Table "Communication Modalities and
+    /// Costs").
+    fn cost(&self, _: &Settings, communicated: Communicated) -> f32 {
+        Layout::cost(self, communicated.mask())
+    }
+}
+
+/// A scene's planning settings as the planner takes them.
+pub fn settings_of(planning: &Planning) -> Settings {
+    Settings {
+        horizon: planning.horizon as usize,
+        hold: planning.repeat as usize,
+        samples: planning.samples as usize,
+        futures: planning.futures as usize,
+        iterations: planning.iterations as usize,
+        elites: planning.elites as usize,
+        smoothing: planning.smoothing as f32,
+        first_probability: planning.first_probability as f32,
+        warm_start: planning.warm_start as f32,
+        discount: planning.discount as f32,
+        reward_weight: planning.reward_weight as f32,
+        terminal_value: planning.terminal_value,
+        visual_threshold: planning.visual_threshold as f32,
+        verbal_threshold: planning.verbal_threshold as f32,
+        ..Settings::default()
     }
 }

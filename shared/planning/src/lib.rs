@@ -3,7 +3,6 @@
 pub mod assistant;
 pub mod chooser;
 pub mod cross_entropy;
-pub mod discrete;
 pub mod ideal;
 pub mod imagination;
 pub mod items;
@@ -13,9 +12,8 @@ pub mod planner;
 pub mod round;
 pub mod threaded;
 
-pub use assistant::Assistant;
+pub use assistant::{Assistant, Moment};
 pub use chooser::{Chooser, Method};
-pub use discrete::DiscreteAssistant;
 pub use imagination::{Imagination, Stage};
 pub use items::Items;
 pub use matching::Matcher;

@@ -1,10 +1,13 @@
 //! A round of a simulated person in a gridworld, with an assistant or without, in one process: the same order of a step as the
-//! running set has (DESIGN §3).
+//! running set has.
 
-use crate::discrete::DiscreteAssistant;
+use crate::assistant::{Assistant, Moment};
 use crate::ideal::IdealPeople;
 use crate::people::PeopleError;
-use domains::discrete::{Discrete, End, MAX_ACTIONS, Mask, Mind, SimulatedPerson, World};
+use domains::discrete::{Discrete, End, MAX_ACTIONS, Mind, SimulatedPerson, World};
+use domains::{Layout, Mask};
+use models::Communicated;
+use std::sync::Arc;
 
 /// Who decides what is communicated.
 pub enum Advice<'a> {
@@ -13,9 +16,9 @@ pub enum Advice<'a> {
     /// All that the channels can carry, in every step.
     Everything,
     /// An assistant that plans.
-    Planned(&'a mut DiscreteAssistant),
+    Planned(&'a mut Assistant<Arc<Layout>>),
     /// An assistant that plans with clones of the person themselves (IM).
-    Ideal(&'a mut DiscreteAssistant, &'a mut IdealPeople),
+    Ideal(&'a mut Assistant<Arc<Layout>>, &'a mut IdealPeople),
 }
 
 /// How a round went.
@@ -56,7 +59,8 @@ pub fn play(
     let layout = world.layout().clone();
     let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
     let mut told = Mask::NONE;
-    let mut taken = None;
+    let mut taken = vec![0.0; layout.actions.rows()];
+    let mut known = taken.clone();
     let mut result = RoundResult::default();
     if let Advice::Planned(assistant) | Advice::Ideal(assistant, _) = &mut advice {
         assistant.reset();
@@ -73,36 +77,44 @@ pub fn play(
         if matches!(advice, Advice::Ideal(..)) {
             // Of a clone: asking takes random numbers.
             let mut clone = person.clone();
-            clone.probabilities(&mut probabilities[..layout.actions]);
+            clone.probabilities(&mut probabilities[..layout.actions.rows()]);
         }
         let action = person.act();
         let probability = probabilities[action];
         let step = result.steps;
+        known.fill(0.0);
+        known[action] = 1.0;
+        let items = Communicated::items(told);
+        let at = [seed, u64::from(episode), u64::from(step)];
+        let moment = Moment {
+            seed,
+            episode,
+            step,
+            speech_ready_steps: 0,
+        };
         told = match &mut advice {
             Advice::Silence => Mask::NONE,
             Advice::Everything => layout.communicable,
             Advice::Planned(assistant) => {
-                let at = [seed, u64::from(episode), u64::from(step)];
-                assistant.observe(&visual, &verbal, told, taken, at);
+                assistant.observe(&visual, &verbal, items, &taken, at);
                 let expected = assistant.expected_action();
-                result.surprise -= expected.log_probability.column(0)[action];
-                let plan = assistant.decide(Some(action), seed, episode, step)?;
-                plan.communicated.into()
+                result.surprise -= expected.log_density(0, &known);
+                let plan = assistant.search(Some(&known), moment)?;
+                plan.communicated.mask()
             }
             Advice::Ideal(assistant, people) => {
-                let at = [seed, u64::from(episode), u64::from(step)];
-                assistant.observe(&visual, &verbal, told, taken, at);
+                assistant.observe(&visual, &verbal, items, &taken, at);
                 result.surprise -= probability.max(f32::MIN_POSITIVE).ln();
                 people.follow(person);
-                let plan = assistant.decide_with(*people, Some(action), seed, episode, step)?;
-                plan.communicated.into()
+                let plan = assistant.search_with(*people, Some(&known), moment)?;
+                plan.communicated.mask()
             }
         };
         let outcome = world.step(action);
         result.reward += outcome.reward;
         result.collisions += u32::from(outcome.collided);
         result.steps += 1;
-        taken = Some(action);
+        taken.copy_from_slice(&known);
     }
     result.end = world.end();
     Ok(result)

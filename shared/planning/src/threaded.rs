@@ -39,7 +39,7 @@ impl ThreadedPeople {
     ) -> Self {
         let (to, questions) = sync_channel::<Box<Parcel>>(GROUPS);
         let (answers, back) = sync_channel::<Box<Parcel>>(GROUPS);
-        let mut groups = ImaginedGroups::for_model(&model, GROUPS, rows);
+        let mut groups = ImaginedGroups::new(&model, GROUPS, rows);
         std::thread::spawn(move || {
             while let Ok(mut p) = questions.recv() {
                 let model = &mut model;

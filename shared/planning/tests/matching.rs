@@ -2,21 +2,20 @@
 
 mod support;
 
-use domains::discrete::{Discrete, Domain, Mask, Scene as GridScene, Setting, World};
-use models::discrete::{DiscreteHuman, DiscreteModel, Sizes};
+use domains::Mask;
+use domains::discrete::{Discrete, Domain, Scene as GridScene, Setting, World};
+use domains::highway::modalities::layout;
+use domains::highway::{AZIMUTHS, BEAMS};
 use models::imagined::{ImaginedGroups, Moment};
-use models::observation::{AZIMUTHS, BANDS, SECTORS};
-use models::self_model;
 use models::{
     Beliefs, Communicated, HumanModel, Implants, Kind, Observations, RecurrentHuman,
-    RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
+    RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
 };
 use nn::Tensor;
-use planning::discrete::settings_of;
+use planning::items::settings_of;
 use planning::planner::GROUPS;
 use planning::{
-    Decision, DiscreteAssistant, ImaginedPeople, Items, LocalPeople, Matcher, Method, PeopleError,
-    Settings,
+    Assistant, Decision, ImaginedPeople, Items, LocalPeople, Matcher, Method, PeopleError, Settings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -34,19 +33,17 @@ struct Scene {
 }
 
 fn model() -> Arc<SelfModel> {
-    let sizes = self_model::Sizes {
-        hidden: 48,
-        ..self_model::Sizes::HIGHWAY
-    };
-    Arc::new(SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(9)))
+    let sizes = Sizes::of(&layout()).with_hidden(48);
+    let rng = &mut ChaCha8Rng::seed_from_u64(9);
+    Arc::new(SelfModel::new(sizes, layout(), rng))
 }
 
 /// Somebody who sees 5 m.
 fn short_sighted(model: &Arc<SelfModel>) -> Box<dyn HumanModel> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut implants = Implants::new(model.sizes.latent, 2, true, &mut rng);
-    implants.set_thresholds_m(5.0);
-    Box::new(SelfHuman::new(model.clone(), Some(implants)))
+    let mut implants = Implants::new(model, true, &mut rng);
+    implants.set_all_limits(5.0);
+    Box::new(SelfHuman::new(model.clone(), Some(implants), 0))
 }
 
 impl Scene {
@@ -54,16 +51,18 @@ impl Scene {
         let sizes = model.sizes;
         let mut observations = Observations::new(&sizes.shape, 1);
         let visual = observations.visual.column_mut(0);
-        for (i, beam) in visual[..AZIMUTHS * BANDS].iter_mut().enumerate() {
+        for (i, beam) in visual[..BEAMS].iter_mut().enumerate() {
             *beam = (i % 7) as f32 / 12.0;
         }
-        let mut encoded = models::observation::Encoded::new(sizes.shape, 1);
-        encoded.set(
-            0,
+        let mut encoded = Tensor::new(model.view.rows(), 1);
+        model.view.write(
             observations.visual.column(0),
             observations.verbal.column(0),
-            &[1.0; AZIMUTHS],
-            &[0.0; SECTORS],
+            Mask {
+                visual: (1 << AZIMUTHS) - 1,
+                verbal: 0,
+            },
+            encoded.column_mut(0),
         );
         let action = Tensor::from_slice(2, 1, &[0.3, -0.1]);
         let mut robot = models::Filter::new(sizes.latent, 1);
@@ -74,7 +73,7 @@ impl Scene {
             human.perceive(&mut person, &action, &observations, &silent, None);
         }
         Self {
-            groups: ImaginedGroups::new(human.latent(), 2, GROUPS, 64),
+            groups: ImaginedGroups::new(&*human, GROUPS, 64),
             pending: vec![Tensor::new(2, 64); GROUPS],
             model,
             human,
@@ -100,15 +99,15 @@ fn matcher(model: &SelfModel) -> Matcher {
 }
 
 /// A gridworld's robot, and somebody who sees nothing there by themselves.
-fn gridworld(domain: Domain) -> (Arc<DiscreteModel>, Box<dyn HumanModel>) {
+fn gridworld(domain: Domain) -> (Arc<SelfModel>, Box<dyn HumanModel>) {
     let scene = GridScene::of(domain, Setting::Transfer);
     let layout = models::words::layout_of(&scene).expect("ships");
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let model = Arc::new(DiscreteModel::new(Sizes::of(&layout), layout, &mut rng));
-    let mut implants = models::discrete::Implants::new(&model, true, &mut rng);
-    let limits = models::discrete::Perceiver::new(&model.layout).limits();
+    let model = Arc::new(SelfModel::new(Sizes::of(&layout), layout, &mut rng));
+    let mut implants = Implants::new(&model, true, &mut rng);
+    let limits = model.layout.perception.limits();
     implants.set_limits(&vec![0.0; limits]);
-    let human = DiscreteHuman::new(Arc::clone(&model), Some(implants), 0);
+    let human = SelfHuman::new(Arc::clone(&model), Some(implants), 0);
     (model, Box::new(human))
 }
 
@@ -170,7 +169,7 @@ fn the_nearest_belief_wins_whatever_it_costs_and_silence_wins_a_tie() {
 #[test]
 fn whoever_perceives_what_the_robot_does_is_told_nothing() {
     let model = model();
-    let everything = Box::new(SelfHuman::new(model.clone(), None));
+    let everything = Box::new(SelfHuman::new(model.clone(), None, 0));
     let mut scene = Scene::new(model.clone(), everything);
     let decision = scene
         .plan(&mut matcher(&model), Start::default())
@@ -226,8 +225,14 @@ fn the_same_start_gives_the_same_decision_without_allocating() {
 
 #[test]
 fn a_model_with_a_belief_of_its_own_kind_cannot_be_matched() {
-    let policy = RecurrentPolicy::new(RecurrentSizes::HIGHWAY, &mut ChaCha8Rng::seed_from_u64(2));
-    let human = RecurrentHuman::new(Kind::Bc, Arc::new(policy), [9.0; AZIMUTHS]);
+    let layout = layout();
+    let policy = RecurrentPolicy::new(
+        RecurrentSizes::of(&layout, 3),
+        &layout,
+        &mut ChaCha8Rng::seed_from_u64(2),
+    );
+    let limits = vec![9.0; AZIMUTHS];
+    let human = RecurrentHuman::new(Kind::Bc, Arc::new(policy), &layout, limits, 0);
     let model = model();
     let mut scene = Scene::new(model.clone(), Box::new(human));
     let refused = scene.plan(&mut matcher(&model), Start::default());
@@ -251,31 +256,37 @@ fn in_gridworlds_every_version_is_tried() {
         let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
         world.observe(&mut visual, &mut verbal);
         let settings = settings_of(scene.planning());
-        let mut assistant =
-            DiscreteAssistant::with_method(Arc::clone(&model), human, settings, Method::Kl);
-        assistant.observe(&visual, &verbal, Mask::NONE, None, [1, 0, 0]);
+        let items = Arc::clone(&layout);
+        let mut assistant = Assistant::new(model, human, settings, Method::Kl, items);
+        let silent = Communicated::default();
+        let mut action = vec![0.0; layout.actions.rows()];
+        assistant.observe(&visual, &verbal, silent, &action, [1, 0, 0]);
+        action[0] = 1.0;
+        let moment = planning::Moment {
+            seed: 1,
+            ..Default::default()
+        };
         let all = layout.communicable;
         let mut asked = Counting::default();
-        let from_all = assistant.decide_with(&mut asked, Some(0), 1, 0, 0);
+        let from_all = assistant.search_with(&mut asked, Some(&action), moment);
         assert_eq!(asked.versions.len(), versions, "{domain:?}");
-        assert!(asked.versions.iter().all(|told| {
-            told.visual_bits() & !all.visual == 0 && told.verbal_bits() & !all.verbal == 0
-        }));
+        let mut told = asked.versions.iter().map(|told| told.mask());
+        assert!(told.all(|told| told & all == told));
         asked.versions.sort_unstable_by_key(|told| told.0);
         asked.versions.dedup();
         assert_eq!(asked.versions.len(), versions, "none twice");
         // The people of `Counting` are nearest when told everything.
         let most = from_all.expect("answered");
-        assert_eq!(Mask::from(most.communicated), all);
+        assert_eq!(most.communicated.mask(), all);
         assert_eq!(
             most.cost,
             Items::cost(&layout, &settings, most.communicated)
         );
 
-        let first = assistant.decide(Some(0), 1, 0, 0).expect("answered");
+        let first = assistant.search(Some(&action), moment).expect("answered");
         assert!(first.value > first.value_silent, "{domain:?} {first:?}");
         assert!(first.communicated != Communicated::default());
-        let again = assistant.decide(Some(0), 1, 0, 0).expect("answered");
+        let again = assistant.search(Some(&action), moment).expect("answered");
         assert_eq!(first, again);
         for item in 0..Items::count(&layout) {
             let bit = match item.checked_sub(layout.regions) {

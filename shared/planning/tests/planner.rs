@@ -3,10 +3,10 @@
 
 mod support;
 
+use domains::highway::SECTORS;
+use domains::highway::modalities::layout;
 use models::imagined::ImaginedGroups;
-use models::observation::SECTORS;
-use models::self_model::Sizes;
-use models::{Beliefs, Communicated, HumanModel, Implants, SelfHuman, SelfModel};
+use models::{Beliefs, Communicated, Implants, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::planner::{BITS, GROUPS, Planner};
 use planning::{Decision, LocalPeople, PeopleError, Settings};
@@ -375,14 +375,12 @@ fn impossible_settings_have_a_problem() {
 fn plans_with_a_human_model_allocate_nothing_and_repeat() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let model = Arc::new(SelfModel::new(
-        Sizes {
-            hidden: 32,
-            ..Sizes::HIGHWAY
-        },
+        Sizes::of(&layout()).with_hidden(32),
+        layout(),
         &mut rng,
     ));
     let latent = model.sizes.latent;
-    let implants = Implants::new(latent, 2, true, &mut rng);
+    let implants = Implants::new(&model, true, &mut rng);
     let settings = Settings {
         samples: 40,
         elites: 8,
@@ -391,8 +389,8 @@ fn plans_with_a_human_model_allocate_nothing_and_repeat() {
     };
     let rows = settings.samples / GROUPS;
     let run = || {
-        let mut human = SelfHuman::new(model.clone(), Some(implants.clone()));
-        let mut groups = ImaginedGroups::new(human.latent(), 2, GROUPS, rows);
+        let mut human = SelfHuman::new(model.clone(), Some(implants.clone()), 0);
+        let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
         let mut pending = vec![Tensor::new(2, rows); GROUPS];
         let mut person = Beliefs::new(latent, 1);
         person.fresh = false;

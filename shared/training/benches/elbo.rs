@@ -5,7 +5,8 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use domains::discrete::{Discrete, Domain, Scene, Setting, Words, World};
-use models::discrete::{Batch, DiscreteModel, Sizes};
+use models::self_model::Batch;
+use models::{SelfModel, Sizes};
 use nn::{Adam, Arena, Gradients, Tape, noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +19,7 @@ fn elbo(c: &mut Criterion) {
         let mut world = World::new(&scene, &words).expect("as many words as sentences");
         let layout = Arc::new(world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut model = DiscreteModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);
+        let mut model = SelfModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);
         let mut batch = Batch::new(&model, 16, 32);
         noise::fill(batch.noise.data_mut(), 1, 2);
         batch.weight.fill(1.0);

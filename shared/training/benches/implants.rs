@@ -5,7 +5,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, World};
-use models::discrete::{DiscreteModel, Sizes};
+use models::{SelfModel, Sizes};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ fn learn(c: &mut Criterion) {
         let mut world = World::new(&scene, &words).expect("as many words as sentences");
         let layout = Arc::new(world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let model = DiscreteModel::new(Sizes::of(&layout), layout, &mut rng);
+        let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
         let mut person = SimulatedPerson::builtin(&scene, 1, &words).expect("a builtin person");
         for count in [4, 20] {
             let rounds = Rounds::record(&mut world, &mut person, 1, 0, count);

@@ -2,13 +2,15 @@
 //! gridworld -- driving|search_rescue|bomb_defusal OUT [SETTING=VALUE…]`, or `-- DOMAIN MODEL measure` for a model that exists.
 //! Metrics are JSON lines on standard output.
 
+use domains::Mask;
 use domains::bomb_defusal::{LIVE, TERMINALS, read_terminal};
-use domains::discrete::{Discrete, Domain, Mask, Scene, Setting, World};
+use domains::discrete::{Discrete, Domain, Scene, Setting, World};
 use models::WorldModel;
-use models::discrete::{DiscreteFilter, DiscreteModel, DiscreteScratch};
 use models::policy::largest;
+use models::{Filter, Scratch, SelfModel};
 use nn::{Tensor, noise};
 use std::sync::Arc;
+use training::config::Checked;
 use training::discrete::{Actor, Episode, Rollout, Settings, Trainer};
 
 const USAGE: &str =
@@ -26,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let world = World::new(&scene, &words)?;
     if arguments.get(2).is_some_and(|word| word == "measure") {
         let layout = Arc::new(world.layout().clone());
-        let model = DiscreteModel::load(out.as_ref(), layout)?;
+        let model = SelfModel::load(out.as_ref(), layout)?;
         measure(&model, &world);
         return Ok(());
     }
@@ -55,7 +57,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// A domain's settings with some of them replaced.
 fn settings(domain: Domain, given: &[String]) -> Result<Settings, Box<dyn std::error::Error>> {
-    let mut settings = serde_json::to_value(Settings::of(domain))?;
+    let mut settings = serde_json::to_value(Settings::of(domain.name()))?;
     for word in given {
         let (name, value) = word.split_once('=').ok_or(USAGE)?;
         settings[name] = serde_json::from_str(value)?;
@@ -69,7 +71,7 @@ fn mean(x: &[f32]) -> f32 {
 }
 
 /// Mean reward of each scenario's rounds.
-fn rewards(model: &DiscreteModel, world: &World, actor: Actor, rounds: u32) -> Vec<f32> {
+fn rewards(model: &SelfModel, world: &World, actor: Actor, rounds: u32) -> Vec<f32> {
     let mut rollout = Rollout::new(world.clone(), model);
     let scenarios = world.scenarios();
     let mut sums = vec![0.0; scenarios as usize];
@@ -84,13 +86,13 @@ fn rewards(model: &DiscreteModel, world: &World, actor: Actor, rounds: u32) -> V
 }
 
 /// As [`rewards`], greedy with full sight of everything visual by somebody who hears nothing.
-fn deaf_rewards(model: &DiscreteModel, world: &World, rounds: u32) -> Vec<f32> {
+fn deaf_rewards(model: &SelfModel, world: &World, rounds: u32) -> Vec<f32> {
     let (mut world, layout) = (world.clone(), &model.layout);
     let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
     let mut observed = Tensor::new(model.view.rows(), 1);
-    let mut action = Tensor::new(layout.actions, 1);
-    let mut filter = DiscreteFilter::new(model.sizes.latent, 1);
-    let (mut scratch, mut q) = (DiscreteScratch::default(), Tensor::default());
+    let mut action = Tensor::new(layout.actions.rows(), 1);
+    let mut filter = Filter::new(model.sizes.latent, 1);
+    let (mut scratch, mut q) = (Scratch::default(), Tensor::default());
     let mask = Mask {
         visual: layout.everything().visual,
         verbal: 0,
@@ -126,7 +128,7 @@ fn live(image: &[f32], truth: &[f32]) -> (usize, bool) {
     (count, found)
 }
 
-fn measure(model: &DiscreteModel, world: &World) {
+fn measure(model: &SelfModel, world: &World) {
     let greedy = |explore, limited| Actor::Greedy { explore, limited };
     for (name, actor) in [
         ("expert", Actor::Expert { slips: 0.0 }),
@@ -169,10 +171,10 @@ struct Measured {
 const AHEAD: [usize; 4] = [0, 1, 4, 8];
 
 impl Measured {
-    fn add(&mut self, model: &DiscreteModel, episode: &Episode) {
+    fn add(&mut self, model: &SelfModel, episode: &Episode) {
         let shape = model.sizes.shape;
-        let mut scratch = DiscreteScratch::default();
-        let mut filter = DiscreteFilter::new(model.sizes.latent, 1);
+        let mut scratch = Scratch::default();
+        let mut filter = Filter::new(model.sizes.latent, 1);
         let (mut observed, mut action) = (
             Tensor::new(model.view.rows(), 1),
             Tensor::new(shape.action, 1),
@@ -225,7 +227,7 @@ impl Measured {
                 let pixels = model.sizes.image_numbers();
                 let truth = part(&episode.visual, t + step, shape.visual);
                 model.visual(&mut scratch, &z, &mut out);
-                if model.layout.domain == Domain::BombDefusal && i < 2 {
+                if model.layout.domain == Domain::BombDefusal.name() && i < 2 {
                     let (count, found) = live(&out.column(0)[..pixels], &truth[..pixels]);
                     self.live[i][0] += usize::from(count == 1);
                     self.live[i][1] += usize::from(found);

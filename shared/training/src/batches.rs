@@ -1,12 +1,14 @@
-//! Batches of sequences out of the replay buffer, with modality dropout (paper §III-A "Practical aspects"; DESIGN §5):
+//! Batches of sequences out of the replay buffer, with modality dropout (paper §III-A "Practical aspects"):
 //! the model has to learn from data that approximate the ways in which observations can appear to a person.
 
 use crate::SHARDS;
-use crate::replay::Replay;
-use models::Implants;
-use models::implants::MAX_THRESHOLD_M;
-use models::observation::{AZIMUTHS, Encoded, SECTORS, sector_of};
-use models::self_model::{Sequence, SequenceStep, Sizes};
+use crate::replay::{Replay, Step};
+use domains::Mask;
+use domains::highway::modalities::MAX_SIGHT_M;
+use domains::highway::speech::sector_of;
+use domains::highway::{AZIMUTHS, SECTORS};
+use models::SelfModel;
+use models::self_model::Batch;
 use models::utterances::UtteranceTable;
 use nn::{Tensor, noise};
 use rand::RngExt;
@@ -26,42 +28,38 @@ enum Way {
     Sectors,
     Singles,
     /// What lies beyond a distance, drawn per sector and sequence: how fog hides things, and how a perceptual implant
-    /// does. Not in DESIGN's list; without it, people in fog see in a way that the model has never met.
+    /// does. Without it, people in fog see in a way that the model has never met.
     Distances,
 }
 
-/// A batch of sequences in shards, with everything that actor and critics need beside the observations.
-pub struct Batch {
-    /// One sequence batch per shard.
+/// Batches in shards, with everything that actor and critics need beside the observations.
+pub struct Drawing {
+    /// One batch per shard.
     pub shards: Vec<Shard>,
 }
 
 /// A part of a batch.
 pub struct Shard {
     /// Input of the ELBO.
-    pub sequence: Sequence,
-    /// What the expert would do, one tensor per step, `2 × batch`.
-    pub expert: Vec<Tensor>,
-    /// 1 where the future ends at this step, `1 × batch` per step.
-    pub terminal: Vec<Tensor>,
-    encoded: Encoded,
+    pub batch: Batch,
+    /// What the expert would do, `2 × (steps · columns)`, step after step.
+    pub expert: Tensor,
+    /// 1 where the future ends at this step, `1 × (steps · columns)`.
+    pub terminal: Tensor,
 }
 
-impl Batch {
+impl Drawing {
     /// Room for `sequences` sequences of `length` steps.
-    pub fn new(sizes: &Sizes, sequences: usize, length: usize) -> Self {
+    pub fn new(model: &SelfModel, sequences: usize, length: usize) -> Self {
         let shards = (0..SHARDS)
             .map(|s| {
-                let batch = sequences * (s + 1) / SHARDS - sequences * s / SHARDS;
+                let columns = sequences * (s + 1) / SHARDS - sequences * s / SHARDS;
+                let mut batch = Batch::new(model, length, columns);
+                batch.weight.fill(1.0);
                 Shard {
-                    sequence: Sequence {
-                        steps: (0..length)
-                            .map(|_| SequenceStep::new(sizes, batch))
-                            .collect(),
-                    },
-                    expert: vec![Tensor::new(sizes.shape.action, batch); length],
-                    terminal: vec![Tensor::new(1, batch); length],
-                    encoded: Encoded::new(sizes.shape, batch),
+                    expert: Tensor::new(model.sizes.shape.action, length * columns),
+                    terminal: Tensor::new(1, length * columns),
+                    batch,
                 }
             })
             .collect();
@@ -71,6 +69,7 @@ impl Batch {
     /// Draws sequences, masks and noise. Returns false if the buffer holds no sequence of that length yet.
     pub fn draw(
         &mut self,
+        model: &SelfModel,
         replay: &Replay,
         table: &UtteranceTable,
         dropout: Dropout,
@@ -83,9 +82,8 @@ impl Batch {
             _ => Way::Distances,
         };
         for shard in &mut self.shards {
-            let length = shard.sequence.steps.len();
-            let batch = shard.expert[0].cols();
-            for j in 0..batch {
+            let (length, columns) = (shard.batch.steps, shard.batch.columns);
+            for j in 0..columns {
                 // Every other sequence is one in which something is going on.
                 let drawn = if j % 2 == 0 {
                     replay.draw_eventful(length, rng)
@@ -97,34 +95,31 @@ impl Batch {
                 };
                 let limits_m = limits_m(rng);
                 for t in 0..length {
-                    shard.fill(t, j, replay, start + t, table);
-                    let visual = shard.sequence.steps[t].visual.column(j);
-                    let (visual_mask, verbal_mask) = if t == 0 && rng.random::<bool>() {
+                    let at = t * columns + j;
+                    shard.fill(at, replay.get(start + t), table);
+                    let batch = &mut shard.batch;
+                    let visual = batch.visual.column(at);
+                    let mask = if t == 0 && rng.random::<bool>() {
                         // A kept first step tells what is hidden later; but a person who starts in fog starts with
                         // little, so half of the sequences do too.
-                        ([1.0; AZIMUTHS], verbal_mask(way, dropout, rng))
+                        Mask {
+                            visual: everything(),
+                            verbal: verbal_mask(way, dropout, rng),
+                        }
                     } else {
-                        (
-                            visual_mask(way, dropout, &limits_m, visual, rng),
-                            verbal_mask(way, dropout, rng),
-                        )
+                        Mask {
+                            visual: visual_mask(way, dropout, model, &limits_m, visual, rng),
+                            verbal: verbal_mask(way, dropout, rng),
+                        }
                     };
-                    let step = &shard.sequence.steps[t];
-                    shard.encoded.set(
-                        j,
-                        step.visual.column(j),
-                        step.verbal.column(j),
-                        &visual_mask,
-                        &verbal_mask,
-                    );
-                    let step = &mut shard.sequence.steps[t];
-                    step.observed
-                        .column_mut(j)
-                        .copy_from_slice(shard.encoded.rows.column(j));
+                    let (verbal, out) = (batch.verbal.column(at), batch.observed.column_mut(at));
+                    model.view.write(visual, verbal, mask, out);
                 }
             }
-            for step in &mut shard.sequence.steps {
-                noise::fill(step.noise.data_mut(), rng.random(), 0);
+            // Step by step, each with its own.
+            let step = shard.batch.noise.rows() * columns;
+            for noise in shard.batch.noise.data_mut().chunks_exact_mut(step) {
+                noise::fill(noise, rng.random(), 0);
             }
         }
         true
@@ -132,54 +127,60 @@ impl Batch {
 }
 
 impl Shard {
-    fn fill(&mut self, t: usize, j: usize, replay: &Replay, i: usize, table: &UtteranceTable) {
-        let lived = replay.get(i);
-        let step = &mut self.sequence.steps[t];
-        step.visual.column_mut(j).copy_from_slice(&lived.visual);
-        lived.write_verbal(table, step.verbal.column_mut(j));
-        step.action.column_mut(j).copy_from_slice(&lived.action);
-        step.reward.column_mut(j)[0] = lived.reward;
-        self.expert[t].column_mut(j).copy_from_slice(&lived.expert);
-        self.terminal[t].column_mut(j)[0] = f32::from(lived.terminal);
+    fn fill(&mut self, at: usize, lived: &Step, table: &UtteranceTable) {
+        let batch = &mut self.batch;
+        batch.visual.column_mut(at).copy_from_slice(&lived.visual);
+        lived.write_verbal(table, batch.verbal.column_mut(at));
+        batch.action.column_mut(at).copy_from_slice(&lived.action);
+        batch.reward.data_mut()[at] = lived.reward;
+        self.expert.column_mut(at).copy_from_slice(&lived.expert);
+        self.terminal.data_mut()[at] = f32::from(lived.terminal);
     }
 }
 
-fn kept(dropout: Dropout, rng: &mut ChaCha8Rng) -> f32 {
-    f32::from(u8::from(rng.random::<f32>() < dropout.keep))
+fn everything() -> u64 {
+    u64::MAX >> (64 - AZIMUTHS)
+}
+
+fn kept(dropout: Dropout, rng: &mut ChaCha8Rng) -> bool {
+    rng.random::<f32>() < dropout.keep
 }
 
 /// Limits of sight: a distance per sector, from almost nothing to beyond the LIDAR's range.
 pub fn limits_m(rng: &mut ChaCha8Rng) -> [f32; AZIMUTHS] {
-    let sectors: [f32; SECTORS] = core::array::from_fn(|_| rng.random_range(1.0..MAX_THRESHOLD_M));
+    let sectors: [f32; SECTORS] = core::array::from_fn(|_| rng.random_range(1.0..MAX_SIGHT_M));
     core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
 }
 
 fn visual_mask(
     way: Way,
     dropout: Dropout,
+    model: &SelfModel,
     limits_m: &[f32; AZIMUTHS],
     visual: &[f32],
     rng: &mut ChaCha8Rng,
-) -> [f32; AZIMUTHS] {
+) -> u64 {
     match way {
-        Way::Nothing => [1.0; AZIMUTHS],
-        Way::Distances => {
-            let mut mask = [0.0; AZIMUTHS];
-            Implants::visible(limits_m, visual, &mut mask);
-            mask
-        }
+        Way::Nothing => everything(),
+        Way::Distances => model.layout.perception.seen(limits_m, visual, None),
         Way::Sectors => {
-            let sectors: [f32; SECTORS] = core::array::from_fn(|_| kept(dropout, rng));
-            core::array::from_fn(|azimuth| sectors[sector_of(azimuth)])
+            let sectors: [bool; SECTORS] = core::array::from_fn(|_| kept(dropout, rng));
+            bits((0..AZIMUTHS).map(|azimuth| sectors[sector_of(azimuth)]))
         }
-        Way::Singles => core::array::from_fn(|_| kept(dropout, rng)),
+        Way::Singles => bits((0..AZIMUTHS).map(|_| kept(dropout, rng))),
     }
 }
 
 /// Speech is rare: the robot filters without any, so half of all steps have none whatever the batch's way.
-fn verbal_mask(way: Way, dropout: Dropout, rng: &mut ChaCha8Rng) -> [f32; SECTORS] {
+fn verbal_mask(way: Way, dropout: Dropout, rng: &mut ChaCha8Rng) -> u32 {
     if way == Way::Nothing || rng.random::<bool>() {
-        return [0.0; SECTORS];
+        return 0;
     }
-    core::array::from_fn(|_| kept(dropout, rng))
+    bits((0..SECTORS).map(|_| kept(dropout, rng))) as u32
+}
+
+/// A bit for each that is true.
+fn bits(all: impl Iterator<Item = bool>) -> u64 {
+    all.enumerate()
+        .fold(0, |bits, (i, is_in)| bits | u64::from(is_in) << i)
 }

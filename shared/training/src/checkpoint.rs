@@ -1,19 +1,19 @@
-//! Checkpoints of a training run: everything needed to continue exactly (DESIGN §5). Weights, target critics, the
+//! Checkpoints of a training run: everything needed to continue exactly. Weights, target critics, the
 //! optimiser's moments, temperature, replay buffer and the episode reached; randomness is drawn anew from (seed,
 //! episode), so that there is no generator to store.
 
+use crate::config::Checked;
 use crate::replay::Replay;
 use crate::self_model::{Settings, Trainer};
-use domains::highway::Scene;
-use models::checkpoint::{HOLDS, ModelFileError, self_model_from, self_model_metadata};
+use domains::highway::{Scene, modalities};
+use models::SelfModel;
+use models::file::ModelFileError;
 use models::utterances::UtteranceTable;
 use nn::checkpoint::{CheckpointError, Extra};
 use std::path::Path;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Metadata value that tells a training checkpoint.
-pub const TRAINING: &str = "self-model";
 /// Metadata key of the settings, as JSON.
 const SETTINGS: &str = "mirror.training";
 
@@ -53,8 +53,7 @@ impl Trainer {
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, path: &Path, command: &str) -> Result<(), CheckpointError> {
-        let mut metadata = self_model_metadata(&self.model, command);
-        metadata.insert(HOLDS.to_owned(), TRAINING.to_owned());
+        let mut metadata = self.model.metadata(command);
         metadata.insert(
             SETTINGS.to_owned(),
             serde_json::to_string(&self.settings).unwrap_or_default(),
@@ -94,7 +93,7 @@ impl Trainer {
     ) -> Result<Self, ResumeError> {
         let checkpoint = nn::checkpoint::load(path)?;
         let file = checkpoint.file().to_owned();
-        let model = self_model_from(&checkpoint)?;
+        let model = SelfModel::from_checkpoint(&checkpoint, modalities::layout())?;
         let settings: Settings = serde_json::from_str(checkpoint.metadata_value(SETTINGS)?)
             .map_err(|e| ResumeError::Settings {
                 file: file.clone(),
@@ -103,12 +102,7 @@ impl Trainer {
         if let Some(reason) = settings.problem() {
             return Err(ResumeError::Settings { file, reason });
         }
-        let mut trainer = Self::new(scene, table, settings)?;
-        if model.sizes != trainer.model.sizes {
-            let (theirs, ours) = (model.sizes, trainer.model.sizes);
-            let reason = format!("{theirs:?}, but training is of {ours:?}");
-            return Err(ModelFileError::Sizes { file, reason }.into());
-        }
+        let mut trainer = Self::with_sizes(scene, table, settings, model.sizes)?;
         trainer.model.parameters = model.parameters;
         checkpoint.read("targets", &mut trainer.targets.parameters)?;
         trainer.adam.load(&checkpoint, "adam")?;

@@ -8,16 +8,20 @@
 //! Every round is a column of the batch; the columns go forward together in windows, and h is carried from one window to
 //! the next without its gradient (truncated back-propagation through time).
 
-use crate::lessons::{Lesson, hold_out};
-use models::policy::{ActionDistribution, unsquash};
-use models::{RecurrentPolicy, RecurrentSizes};
+use crate::config::{self, Checked};
+use crate::lessons::{Lesson, hold_out, sizes};
+use domains::highway::modalities::layout;
+use models::policy::{HeadScratch, unsquash};
+use models::{ActionDistribution, RecurrentPolicy, RecurrentSizes};
 use nn::{Adam, Arena, Gradients, GruScratch, Tape, Tensor, Var};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Features of h and of the hidden layers.
     pub hidden: usize,
@@ -36,22 +40,30 @@ pub struct Settings {
     /// Passes without a better validation before learning stops.
     pub patience: usize,
     /// Seed of the first weights.
+    #[serde(default)]
     pub seed: u64,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            hidden: RecurrentSizes::HIGHWAY.hidden,
-            layers: [1, 2, 3],
-            expert_rounds: 12,
-            window: 25,
-            learning_rate: 1e-3,
-            gradient_clip: 10.0,
-            epochs: 200,
-            patience: 20,
-            seed: 0,
-        }
+        config::highway().cloning
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        let sizes = [self.hidden, self.window, self.epochs];
+        let layers = self.layers.iter().all(|n| (1..=8).contains(n));
+        (!layers
+            || sizes.iter().any(|n| !(1..=100_000).contains(n))
+            || self.hidden > 1024
+            || self.learning_rate <= 0.0
+            || self.gradient_clip <= 0.0)
+            .then(|| {
+                "layers from 1 to 8; hidden from 1 to 1024; window and epochs at least 1; rates positive"
+                    .to_owned()
+            })
     }
 }
 
@@ -169,11 +181,11 @@ fn learn_layers(
 ) -> (RecurrentPolicy, Trial) {
     let sizes = RecurrentSizes {
         hidden: settings.hidden,
-        layers,
-        ..RecurrentSizes::HIGHWAY
+        dense: settings.hidden,
+        ..sizes(layers)
     };
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let mut policy = RecurrentPolicy::new(sizes, &mut rng);
+    let mut policy = RecurrentPolicy::new(sizes, &layout(), &mut rng);
     let ids: Vec<_> = policy.parameters.ids().collect();
     let mut adam = Adam::new(&policy.parameters, ids.clone(), settings.learning_rate);
     let mut gradients = Gradients::for_params(&policy.parameters);
@@ -241,8 +253,8 @@ pub fn negative_log_likelihood(
                 }
             }
         });
-        h = policy.step(tape, input, h);
-        let (mean, deviation) = policy.action(tape, h);
+        h = tape.gru(&policy.gru, input, h);
+        let (mean, deviation) = policy.gaussian(tape, h);
         let taken = tape.input_with(2, batch, |out| {
             for (out, lesson) in out.chunks_exact_mut(2).zip(lessons) {
                 match t < lesson.steps() {
@@ -275,8 +287,8 @@ pub fn negative_log_likelihood(
 /// Mean −log π(a | h) per step over rounds, as a density over the action.
 pub fn mean_nll(policy: &RecurrentPolicy, lessons: &[Lesson]) -> f32 {
     let sizes = policy.sizes;
-    let mut scratch = GruScratch::default();
-    let mut distribution = ActionDistribution::new(sizes.shape.action, 1);
+    let (mut scratch, mut head) = (GruScratch::default(), HeadScratch::default());
+    let mut distribution = ActionDistribution::new(policy.actions, 1);
     let (mut hidden, mut next) = (Tensor::new(sizes.hidden, 1), Tensor::new(sizes.hidden, 1));
     let mut input = Tensor::new(sizes.input(), 1);
     let (mut sum, mut steps) = (0.0_f64, 0_usize);
@@ -288,7 +300,7 @@ pub fn mean_nll(policy: &RecurrentPolicy, lessons: &[Lesson]) -> f32 {
                 .gru
                 .infer(&policy.parameters, &input, &hidden, &mut scratch, &mut next);
             std::mem::swap(&mut hidden, &mut next);
-            distribution.infer_network(&policy.head, &policy.parameters, &hidden);
+            distribution.infer(&policy.head, 1.0, &policy.parameters, &hidden, &mut head);
             sum -= f64::from(distribution.log_density(0, lesson.action.column(t)));
             steps += 1;
         }
@@ -307,7 +319,7 @@ mod tests {
         (0..count)
             .map(|n| {
                 let steps = 30 + 7 * n;
-                let mut input = Tensor::new(RecurrentSizes::HIGHWAY.input(), steps);
+                let mut input = Tensor::new(sizes(3).input(), steps);
                 let mut action = Tensor::new(2, steps);
                 let mut danger = false;
                 for t in 0..steps {
@@ -366,8 +378,9 @@ mod tests {
     #[test]
     fn the_loss_is_the_score() {
         let lessons = rounds(3, 4);
-        let sizes = RecurrentSizes::HIGHWAY;
-        let policy = RecurrentPolicy::new(sizes, &mut ChaCha8Rng::seed_from_u64(6));
+        let sizes = sizes(3);
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let policy = RecurrentPolicy::new(sizes, &layout(), &mut rng);
         let mut arena = Arena::new();
         let mut tape = Tape::new(&policy.parameters, &mut arena);
         let longest = lessons.iter().map(Lesson::steps).max().unwrap_or(0);

@@ -1,18 +1,18 @@
 //! Demonstrations: rounds that a person drove without communication, with what the robot sensed and what the person did.
 //! `mirror demos` records them, `mirror train human` learns from them.
 
-use crate::replay::VISUAL;
 use crate::rollout::step_of;
-use domains::highway::{Cockpit, Observation, Scene, Shown, SimulatedDriver, World, episode};
-use models::observation::AZIMUTHS;
+use domains::highway::modalities::{NAME as HIGHWAY, VISUAL};
+use domains::highway::{
+    AZIMUTHS, Cockpit, Observation, Scene, Shown, SimulatedDriver, World, episode,
+};
+use models::file::{COMMAND, DOMAIN, HOLDS};
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// The domain, in a file's metadata.
-const HIGHWAY: &str = "highway";
 /// Metadata value that tells a file of demonstrations.
 pub const DEMONSTRATIONS: &str = "demonstrations";
 /// Longest round that a file may hold, in steps.
@@ -134,15 +134,9 @@ impl Demonstrations {
         let visual: Vec<f32> = moments().flat_map(|m| m.visual).collect();
         let action: Vec<f32> = moments().flat_map(|m| m.action).collect();
         let metadata = BTreeMap::from([
-            (
-                models::checkpoint::HOLDS.to_owned(),
-                DEMONSTRATIONS.to_owned(),
-            ),
-            (
-                models::checkpoint::COMMAND.to_owned(),
-                self.source.to_owned(),
-            ),
-            (models::discrete::DOMAIN.to_owned(), HIGHWAY.to_owned()),
+            (HOLDS.to_owned(), DEMONSTRATIONS.to_owned()),
+            (COMMAND.to_owned(), self.source.to_owned()),
+            (DOMAIN.to_owned(), HIGHWAY.to_owned()),
             ("mirror.rounds".to_owned(), self.rounds.len().to_string()),
         ]);
         let mut extras = vec![
@@ -174,11 +168,11 @@ impl Demonstrations {
             file: checkpoint.file().to_owned(),
             reason,
         };
-        let holds = checkpoint.metadata_value(models::checkpoint::HOLDS)?;
+        let holds = checkpoint.metadata_value(HOLDS)?;
         if holds != DEMONSTRATIONS {
             return Err(bad(format!("holds {holds}, expected {DEMONSTRATIONS}")));
         }
-        let domain = checkpoint.metadata().get(models::discrete::DOMAIN);
+        let domain = checkpoint.metadata().get(DOMAIN);
         if let Some(domain) = domain.filter(|domain| *domain != HIGHWAY) {
             return Err(bad(format!("rounds of {domain}, expected {HIGHWAY}")));
         }
@@ -245,7 +239,7 @@ impl Demonstrations {
             rounds,
             source: checkpoint
                 .metadata()
-                .get(models::checkpoint::COMMAND)
+                .get(COMMAND)
                 .cloned()
                 .unwrap_or_default(),
             visible_m,

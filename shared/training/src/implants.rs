@@ -8,17 +8,21 @@
 //! implant, and Adam moves χ along the gradient.
 
 use crate::SHARDS;
+use crate::config::{self, Checked};
 use crate::demonstrations::Demonstrations;
-use models::implants::{Attached, Implants, perceive_on_tape, policy_on_tape, thresholds_on_tape};
+use domains::highway::modalities::VISUAL;
+use models::implants::{ActionOnTape, Attached, limits_on_tape, policy_on_tape, seen_on_tape};
 use models::policy::unsquash;
-use models::{Kind, SelfModel};
+use models::{Implants, Kind, SelfModel};
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Settings; the defaults are the authors' (DESIGN §11) where they gave some.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Adam's rate.
     pub learning_rate: f32,
@@ -43,24 +47,41 @@ pub struct Settings {
     /// Steps at a window's start that only build up the belief.
     pub warm_up: usize,
     /// Seed of the residual's first weights and of the noise.
+    #[serde(default)]
     pub seed: u64,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            learning_rate: 0.2,
-            iterations: 100,
-            window: 50,
-            stride: 25,
-            skip: 20,
-            weights: [0.1, 1.0],
-            residual_penalty: 2.0,
-            smoothness_m: 3.0,
-            starts_m: [5.0, 15.0, 30.0],
-            warm_up: 5,
-            seed: 0,
+        config::highway().implants
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        let Self {
+            learning_rate,
+            iterations,
+            window,
+            smoothness_m,
+            warm_up,
+            ..
+        } = *self;
+        if iterations == 0 || iterations > 100_000 || window < warm_up + 2 || window > 10_000 {
+            return Some(
+                "iterations from 1 to 100000; window at least warm_up + 2, at most 10000"
+                    .to_owned(),
+            );
         }
+        let positive = [learning_rate, smoothness_m];
+        (!positive.iter().all(|x| *x > 0.0)
+            || self.weights.iter().any(|x| *x < 0.0)
+            || self.residual_penalty < 0.0)
+            .then(|| {
+                "learning_rate and smoothness_m are positive, weights and residual_penalty not negative"
+                    .to_owned()
+            })
     }
 }
 
@@ -170,7 +191,7 @@ pub fn windows(
             let mine = &starts[starts.len() * s / shards..starts.len() * (s + 1) / shards];
             let tensor = |rows| Tensor::new(rows, mine.len());
             let mut windows = Windows {
-                visual: vec![tensor(crate::replay::VISUAL); length],
+                visual: vec![tensor(VISUAL); length],
                 action: vec![tensor(2); length],
                 previous: vec![tensor(2); length],
                 noise: vec![tensor(latent); length],
@@ -243,8 +264,8 @@ fn learn_from(
 ) -> Result<Learned, ImplantError> {
     let latent = model.sizes.latent;
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let mut implants = Implants::new(latent, model.sizes.shape.action, with_policy, &mut rng);
-    implants.set_thresholds_m(start_m);
+    let mut implants = Implants::new(model, with_policy, &mut rng);
+    implants.set_all_limits(start_m);
     let mut parameters = model.parameters.clone();
     let attached = implants.attach(&mut parameters);
     let mut shards = windows(demonstrations, settings, latent)?;
@@ -279,7 +300,8 @@ fn learn_from(
                             negative_log_likelihood(&mut tape, model, attached, shard, settings);
                         // Every window weighs the same, however the shards were cut.
                         let share = shard.visual[0].cols() as f32 / total as f32;
-                        let prior = negative_log_prior(&mut tape, attached, settings, moments);
+                        let prior =
+                            negative_log_prior(&mut tape, model, attached, settings, moments);
                         let loss = tape.add(loss, prior);
                         let loss = tape.scale(loss, share);
                         let value = tape.value(loss)[0];
@@ -332,8 +354,12 @@ pub fn negative_log_likelihood(
     });
     let mut previous: Option<Var> = None;
     let mut sum: Option<Var> = None;
+    let (nothing, unheard) = (Tensor::default(), Tensor::new(model.layout.verbal, batch));
     for t in 0..steps {
-        let observed = perceive_on_tape(tape, attached, &model.sizes.shape, &windows.visual[t]);
+        let visual = &windows.visual[t];
+        let perception = model.layout.perception;
+        let seen = seen_on_tape(tape, attached, perception, visual, &nothing);
+        let observed = model.view.on_tape(tape, visual, &unheard, seen, 0);
         let action = tape.input(&windows.previous[t]);
         let (mean, deviation) = model.posterior(tape, previous.map(|z| (z, action)), observed);
         let noise = tape.input(&windows.noise[t]);
@@ -342,7 +368,14 @@ pub fn negative_log_likelihood(
         if t < steps - counted {
             continue;
         }
-        let (mean, deviation, delta) = policy_on_tape(tape, model, attached, z);
+        let ActionOnTape::Gaussian {
+            mean,
+            deviation,
+            delta,
+        } = policy_on_tape(tape, model, attached, z)
+        else {
+            unreachable!("the highway's actions are numbers");
+        };
         let taken = tape.input(&windows.action[t]);
         let log_density = tape.gaussian_log_density_weighted(taken, mean, deviation, weights);
         let mut term = tape.mean(log_density);
@@ -366,11 +399,12 @@ pub fn negative_log_likelihood(
 /// Σ_a (τ_a − τ_{a+1})² / 2 s², divided by their number.
 pub fn negative_log_prior(
     tape: &mut Tape,
+    model: &SelfModel,
     attached: &Attached,
     settings: &Settings,
     moments: usize,
 ) -> Var {
-    let limits = thresholds_on_tape(tape, attached);
+    let limits = limits_on_tape(tape, attached, model.layout.perception);
     let n = tape.shape(limits).0;
     let (first, rest) = (tape.rows(limits, 0..1), tape.rows(limits, 1..n));
     let next = tape.concat(&[rest, first]);

@@ -6,17 +6,18 @@
 
 use crate::demonstrations::Round;
 use crate::rollout::step_of;
+use domains::highway::modalities::{VERBAL, layout};
 use domains::highway::road::RoadError;
-use domains::highway::{End, Expert, Observation, Scene, World};
-use models::observation::{AZIMUTHS, Encoded, PER_SECTOR, SECTORS, Shape};
+use domains::highway::{AZIMUTHS, End, Expert, Observation, SECTORS, Scene, World};
+use domains::{Layout, Mask};
 use models::utterances::UtteranceTable;
-use models::{Implants, RecurrentSizes};
+use models::{RecurrentSizes, Shape, View};
 use nn::Tensor;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-/// Probability that a sector is spoken of in a step with words; the self-model's dropout (DESIGN §5).
+/// Probability that a sector is spoken of in a step with words; the self-model's dropout.
 const SPOKEN: f32 = 0.35;
 /// Control steps after which an expert's round is cut.
 const LONGEST: usize = 400;
@@ -38,23 +39,21 @@ impl Lesson {
 
     /// A round in which nothing is perceived and nothing done.
     pub fn silent(steps: usize) -> Self {
-        let sizes = RecurrentSizes::HIGHWAY;
+        let shape = Shape::of(&layout());
         Self {
-            input: Tensor::new(sizes.input(), steps),
-            action: Tensor::new(sizes.shape.action, steps),
+            input: Tensor::new(shape.encoded() + shape.action, steps),
+            action: Tensor::new(shape.action, steps),
         }
     }
 
-    fn set(&mut self, t: usize, encoded: &Encoded, action: [f32; 2]) {
+    /// What somebody perceived at step t, and did then.
+    fn set(&mut self, t: usize, observed: &[f32], action: [f32; 2]) {
         let previous = match t {
             0 => [0.0; 2],
             _ => [self.action.column(t - 1)[0], self.action.column(t - 1)[1]],
         };
-        let (observed, before) = self
-            .input
-            .column_mut(t)
-            .split_at_mut(Shape::HIGHWAY.encoded());
-        observed.copy_from_slice(encoded.rows.column(0));
+        let (seen, before) = self.input.column_mut(t).split_at_mut(observed.len());
+        seen.copy_from_slice(observed);
         before.copy_from_slice(&previous);
         self.action.column_mut(t).copy_from_slice(&action);
     }
@@ -63,15 +62,23 @@ impl Lesson {
 /// A person's round without communication, seen up to `visible_m`.
 pub fn of_round(round: &Round, visible_m: &[f32; AZIMUTHS]) -> Lesson {
     let mut lesson = Lesson::silent(round.steps.len());
-    let mut encoded = Encoded::new(Shape::HIGHWAY, 1);
-    let unheard = [0.0; SECTORS * PER_SECTOR];
+    let layout = layout();
+    let view = View::new(&layout);
+    let mut observed = vec![0.0; view.rows()];
     for (t, moment) in round.steps.iter().enumerate() {
-        let mut mask = [0.0; AZIMUTHS];
-        Implants::visible(visible_m, &moment.visual, &mut mask);
-        encoded.set(0, &moment.visual, &unheard, &mask, &[0.0; SECTORS]);
-        lesson.set(t, &encoded, moment.action);
+        let mask = Mask {
+            visual: layout.perception.seen(visible_m, &moment.visual, None),
+            verbal: 0,
+        };
+        view.write(&moment.visual, &[0.0; VERBAL], mask, &mut observed);
+        lesson.set(t, &observed, moment.action);
     }
     lesson
+}
+
+/// Sizes of a policy of the highway with so many dense layers.
+pub(crate) fn sizes(layers: usize) -> RecurrentSizes {
+    RecurrentSizes::of(&layout(), layers)
 }
 
 /// Seed of which words are heard.
@@ -82,8 +89,9 @@ pub struct Perceiver<'a> {
     visible_m: [f32; AZIMUTHS],
     words: Option<&'a UtteranceTable>,
     rng: ChaCha8Rng,
-    encoded: Encoded,
-    verbal: [f32; SECTORS * PER_SECTOR],
+    layout: Arc<Layout>,
+    view: View,
+    verbal: [f32; VERBAL],
     previous: [f32; 2],
     inputs: Vec<f32>,
     actions: Vec<f32>,
@@ -96,8 +104,9 @@ impl<'a> Perceiver<'a> {
             visible_m,
             words,
             rng: ChaCha8Rng::seed_from_u64(seed),
-            encoded: Encoded::new(Shape::HIGHWAY, 1),
-            verbal: [0.0; SECTORS * PER_SECTOR],
+            view: View::new(&layout()),
+            layout: layout(),
+            verbal: [0.0; VERBAL],
             previous: [0.0; 2],
             inputs: Vec::new(),
             actions: Vec::new(),
@@ -107,20 +116,23 @@ impl<'a> Perceiver<'a> {
     /// Perceives the next step; `input` takes what the GRU takes.
     pub fn perceive(&mut self, observation: &Observation, input: &mut [f32]) {
         let step = step_of(observation);
-        let mut seen = [0.0; AZIMUTHS];
-        Implants::visible(&self.visible_m, &step.visual, &mut seen);
-        let mut heard = [0.0; SECTORS];
+        let mut mask = Mask {
+            visual: self
+                .layout
+                .perception
+                .seen(&self.visible_m, &step.visual, None),
+            verbal: 0,
+        };
         if let Some(table) = self.words {
             step.write_verbal(table, &mut self.verbal);
             let talks = self.rng.random::<bool>();
-            heard = core::array::from_fn(|_| {
-                f32::from(u8::from(self.rng.random::<f32>() < SPOKEN && talks))
-            });
+            for sector in 0..SECTORS {
+                let spoken = self.rng.random::<f32>() < SPOKEN && talks;
+                mask.verbal |= u32::from(spoken) << sector;
+            }
         }
-        self.encoded
-            .set(0, &step.visual, &self.verbal, &seen, &heard);
-        let (observed, before) = input.split_at_mut(Shape::HIGHWAY.encoded());
-        observed.copy_from_slice(self.encoded.rows.column(0));
+        let (observed, before) = input.split_at_mut(self.view.rows());
+        self.view.write(&step.visual, &self.verbal, mask, observed);
         before.copy_from_slice(&self.previous);
         self.inputs.extend_from_slice(input);
     }
@@ -133,11 +145,11 @@ impl<'a> Perceiver<'a> {
 
     /// The round so far.
     pub fn lesson(&self) -> Lesson {
-        let sizes = RecurrentSizes::HIGHWAY;
-        let steps = self.actions.len() / sizes.shape.action;
+        let actions = self.layout.actions.rows();
+        let (rows, steps) = (self.view.rows() + actions, self.actions.len() / actions);
         Lesson {
-            input: Tensor::from_slice(sizes.input(), steps, &self.inputs[..steps * sizes.input()]),
-            action: Tensor::from_slice(sizes.shape.action, steps, &self.actions),
+            input: Tensor::from_slice(rows, steps, &self.inputs[..steps * rows]),
+            action: Tensor::from_slice(actions, steps, &self.actions),
         }
     }
 }
@@ -155,7 +167,7 @@ pub fn of_expert(
     let mut world = World::new(scene)?;
     let mut expert = Expert::new(&world);
     let mut observation = Observation::default();
-    let mut input = vec![0.0; RecurrentSizes::HIGHWAY.input()];
+    let mut input = vec![0.0; sizes(1).input()];
     let mut lessons = Vec::with_capacity(rounds);
     for round in 0..rounds as u32 {
         world.reset(seed, round);
@@ -215,7 +227,7 @@ mod tests {
         let scene = Arc::new(Scene::builtin("highway-clear").expect("a scene"));
         let table = UtteranceTable::shipped().expect("utterances");
         let lessons = of_expert(scene, &table, 3, 1).expect("a road");
-        let mask_row = Shape::HIGHWAY.encoded() - SECTORS;
+        let mask_row = Shape::of(&layout()).encoded() - SECTORS;
         let spoken = (0..lessons[0].steps())
             .filter(|&t| lessons[0].input.column(t)[mask_row..mask_row + SECTORS].contains(&1.0))
             .count();

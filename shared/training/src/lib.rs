@@ -3,6 +3,7 @@
 pub mod batches;
 pub mod checkpoint;
 pub mod cloning;
+pub mod config;
 pub mod demonstrations;
 pub mod discrete;
 pub mod implants;

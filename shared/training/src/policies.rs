@@ -1,13 +1,14 @@
 //! Policies of one person, `bc` and `sqil`, from their demonstrations and an expert's in clear weather: one call for both.
 
 use crate::cloning::{self, CloningError};
+use crate::config::HighwayConfig;
 use crate::demonstrations::Demonstrations;
 use crate::lessons::{self, Lesson};
 use crate::sqil::{self, Lived, Place};
+use domains::highway::AZIMUTHS;
 use domains::highway::{FileError, Scene, road::RoadError};
-use models::observation::AZIMUTHS;
 use models::utterances::UtteranceTable;
-use models::{Kind, RecurrentPolicy};
+use models::{Kind, PersonalPolicy};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use thiserror::Error;
@@ -65,15 +66,13 @@ pub enum PolicyError {
 /// A learned policy.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    /// The networks.
-    pub policy: RecurrentPolicy,
-    /// What the person sees, as the demonstrations say.
-    pub visible_m: [f32; AZIMUTHS],
+    /// The networks, and what the person sees, as the demonstrations say.
+    pub person: PersonalPolicy,
     /// How learning went, in words.
     pub about: String,
 }
 
-/// Learns a policy of `kind`. `progress` hears of (done, at most, a word).
+/// Learns a policy of `kind`, with the settings of `config`. `progress` hears of (done, at most, a word).
 ///
 /// # Errors
 /// [`PolicyError`].
@@ -81,6 +80,7 @@ pub fn learn(
     kind: Kind,
     demonstrations: &Demonstrations,
     expert: &Expert,
+    config: &HighwayConfig,
     seed: u64,
     progress: &(dyn Fn(u64, u64, &str) + Sync),
 ) -> Result<Learned, PolicyError> {
@@ -95,7 +95,7 @@ pub fn learn(
         Kind::Bc => {
             let settings = cloning::Settings {
                 seed,
-                ..cloning::Settings::default()
+                ..config.cloning
             };
             let most = (settings.epochs * settings.layers.len()) as u64;
             let passes = AtomicU64::new(0);
@@ -129,7 +129,7 @@ pub fn learn(
         Kind::Sqil => {
             let settings = sqil::Settings {
                 seed,
-                ..sqil::Settings::default()
+                ..config.sqil
             };
             let expert = expert.lessons()?.iter().map(|lesson| Lived {
                 lesson: lesson.clone(),
@@ -180,8 +180,11 @@ pub fn learn(
         _ => return Err(PolicyError::NoPolicy(kind.name())),
     };
     Ok(Learned {
-        policy,
-        visible_m,
+        person: PersonalPolicy {
+            policy,
+            limits: visible_m.to_vec(),
+            heard: 0,
+        },
         about,
     })
 }

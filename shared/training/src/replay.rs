@@ -1,12 +1,10 @@
 //! The replay buffer: a ring of steps, from which sequences within one episode are drawn.
 
-use models::observation::{AZIMUTHS, BANDS, EGO, SECTORS};
+use domains::highway::modalities::VISUAL;
+use domains::highway::{BEAMS, LIDAR_RANGE_M, SECTORS};
 use models::utterances::{Said, UtteranceTable};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-
-/// Numbers of the visual modality.
-pub const VISUAL: usize = AZIMUTHS * BANDS + EGO;
 
 /// One step as it was lived.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +31,7 @@ impl Step {
     /// Whether something is going on: a car within 20 m, an expert who brakes or steers, or an end. Most of a drive is
     /// empty road; what has to be learned happens in a few seconds of it.
     pub fn is_eventful(&self) -> bool {
-        let beams = &self.visual[..AZIMUTHS * BANDS];
+        let beams = &self.visual[..BEAMS];
         self.terminal == 1
             || self.expert[0] < -0.2
             || self.expert[1].abs() > 0.2
@@ -57,12 +55,7 @@ impl Step {
                 1 => Said::Slow,
                 _ => Said::Fast,
             };
-            table.encode(
-                sector,
-                said,
-                self.said_range[sector] * models::observation::RANGE_M,
-                out,
-            );
+            table.encode(sector, said, self.said_range[sector] * LIDAR_RANGE_M, out);
         }
     }
 

@@ -1,10 +1,10 @@
 //! Episodes on the highway for learning: what the robot lives through, with what the expert would do beside it.
 
 use crate::replay::Step;
-use domains::highway::{Expert, Observation, Scene, World, speech};
-use models::observation::{AZIMUTHS, Encoded, Observations, RANGE_M, SECTORS, write_visual};
-use models::policy::ActionDistribution;
-use models::{Filter, Implants, SelfModel};
+use domains::Mask;
+use domains::highway::modalities::{VERBAL, VISUAL, write_visual};
+use domains::highway::{AZIMUTHS, Expert, LIDAR_RANGE_M, Observation, Scene, World, speech};
+use models::{ActionDistribution, Filter, Scratch, SelfModel};
 use nn::{Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -47,8 +47,8 @@ pub struct Rollout {
     world: World,
     expert: Expert,
     observation: Observation,
-    observations: Observations,
-    encoded: Encoded,
+    observed: Tensor,
+    scratch: Scratch,
     filter: Filter,
     distribution: ActionDistribution,
     previous: Tensor,
@@ -70,10 +70,10 @@ impl Rollout {
             expert: Expert::new(&world),
             world,
             observation: Observation::default(),
-            observations: Observations::new(&shape, 1),
-            encoded: Encoded::new(shape, 1),
+            observed: Tensor::new(model.view.rows(), 1),
+            scratch: Scratch::default(),
             filter: Filter::new(model.sizes.latent, 1),
-            distribution: ActionDistribution::new(shape.action, 1),
+            distribution: ActionDistribution::new(model.layout.actions, 1),
             previous: Tensor::new(shape.action, 1),
             noise: vec![0.0; shape.action],
         })
@@ -152,23 +152,19 @@ impl Rollout {
         actor: Actor,
         rng: &mut ChaCha8Rng,
     ) -> [f32; 2] {
-        self.observations
-            .visual
-            .column_mut(0)
-            .copy_from_slice(&step.visual);
-        let visual = self.observations.visual.column(0);
-        let mut mask = [0.0; AZIMUTHS];
-        Implants::visible(thresholds_m, visual, &mut mask);
-        self.encoded.set(
-            0,
-            visual,
-            self.observations.verbal.column(0),
-            &mask,
-            &[0.0; SECTORS],
-        );
-        self.filter.update(model, &self.previous, &self.encoded);
-        self.distribution
-            .infer(&model.policy, &model.parameters, &self.filter.mean);
+        let mask = Mask {
+            visual: model
+                .layout
+                .perception
+                .seen(thresholds_m, &step.visual, None),
+            verbal: 0,
+        };
+        let unheard = [0.0; VERBAL];
+        let observed = self.observed.column_mut(0);
+        model.view.write(&step.visual, &unheard, mask, observed);
+        self.filter.update(model, &self.previous, &self.observed);
+        let (z, out) = (&self.filter.mean, &mut self.distribution);
+        model.act(&mut self.scratch, z, out);
         let sampled = match actor {
             Actor::Mode => None,
             _ => {
@@ -184,13 +180,13 @@ impl Rollout {
 
 /// What can be learned from one observation: the modalities, before anything was done.
 pub fn step_of(observation: &Observation) -> Step {
-    let mut visual = [0.0; crate::replay::VISUAL];
+    let mut visual = [0.0; VISUAL];
     write_visual(&observation.range, &observation.ego, &mut visual);
     let heard = speech::utterances(observation);
     Step {
         visual,
         said: heard.map(|h| h.kind as u8),
-        said_range: heard.map(|h| (h.range_m / RANGE_M).clamp(0.0, 1.0)),
+        said_range: heard.map(|h| (h.range_m / LIDAR_RANGE_M).clamp(0.0, 1.0)),
         action: [0.0; 2],
         expert: [0.0; 2],
         reward: 0.0,

@@ -9,12 +9,15 @@
 //! Q'_i  ← (1 − τ) Q'_i + τ Q_i
 //! ```
 
-use models::SelfModel;
+use domains::ActionSpace;
 use models::policy::unsquash;
+use models::{ActionDistribution, Scratch, SelfModel};
 use nn::{Mlp, ParamId, Parameters, Tape, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
-/// Settings, after DESIGN §5.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// γ.
     pub discount: f32,
@@ -26,14 +29,13 @@ pub struct Settings {
     pub entropy_target: f32,
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            discount: 0.9,
-            target_rate: 0.005,
-            initial_temperature: 0.2,
-            entropy_target: -2.0,
-        }
+impl Settings {
+    /// Whether these make sense.
+    pub(crate) fn is_sound(&self) -> bool {
+        let shares = [self.discount, self.target_rate];
+        shares.iter().all(|x| (0.0..=1.0).contains(x))
+            && self.initial_temperature > 0.0
+            && self.initial_temperature.is_finite()
     }
 }
 
@@ -88,7 +90,7 @@ impl Targets {
     pub fn new(model: &SelfModel) -> Self {
         let mut parameters = Parameters::default();
         let mut pairs = Vec::new();
-        let networks = model.critics.clone().map(|mut network| {
+        let networks = model.policy.actor_critic().1.clone().map(|mut network| {
             for layer in &mut network.layers {
                 for id in [&mut layer.weight, &mut layer.bias] {
                     let name = format!("target.{}", model.parameters.name(*id));
@@ -119,8 +121,9 @@ impl Targets {
 
 /// Scratch for the targets of one shard.
 pub struct TargetScratch {
-    distribution: models::policy::ActionDistribution,
+    distribution: ActionDistribution,
     action: Tensor,
+    scratch: Scratch,
     mlp: nn::MlpScratch,
     q: [Tensor; 2],
     /// y, `1 × batch`.
@@ -131,8 +134,9 @@ impl TargetScratch {
     /// Room for `batch` transitions.
     pub fn new(actions: usize, batch: usize) -> Self {
         Self {
-            distribution: models::policy::ActionDistribution::new(actions, batch),
+            distribution: ActionDistribution::new(ActionSpace::Continuous(actions), batch),
             action: Tensor::new(actions, batch),
+            scratch: Scratch::default(),
             mlp: nn::MlpScratch::default(),
             q: [Tensor::new(1, batch), Tensor::new(1, batch)],
             y: Tensor::new(1, batch),
@@ -151,20 +155,22 @@ impl TargetScratch {
         let Transitions {
             next, next_noise, ..
         } = transitions;
-        self.distribution
-            .infer(&model.policy, &model.parameters, next);
+        model.act(&mut self.scratch, next, &mut self.distribution);
         self.distribution
             .sample(Some(next_noise.data()), &mut self.action);
         for (network, q) in targets.networks.iter().zip(&mut self.q) {
             network.infer_stacked(&targets.parameters, &[next, &self.action], &mut self.mlp, q);
         }
         let actions = self.action.rows();
+        let Some((mean, deviation)) = self.distribution.gaussian() else {
+            return; // made for numbers in `new`
+        };
         for j in 0..next.cols() {
             let mut log_density = 0.0;
             for i in 0..actions {
                 let noise = next_noise.column(j)[i];
-                let deviation = self.distribution.deviation.column(j)[i];
-                let u = self.distribution.mean.column(j)[i] + deviation * noise;
+                let deviation = deviation.column(j)[i];
+                let u = mean.column(j)[i] + deviation * noise;
                 log_density += -0.5 * noise * noise - deviation.ln() - HALF_LOG_TAU - log_det(u);
             }
             let q = self.q[0].data()[j].min(self.q[1].data()[j]);
@@ -191,7 +197,7 @@ pub fn critic_loss(tape: &mut Tape, model: &SelfModel, shard: &Transitions, y: &
     let action = tape.input(&shard.action);
     let input = tape.concat(&[z, action]);
     let y = tape.input(y);
-    let [first, second] = &model.critics;
+    let (_, [first, second]) = model.policy.actor_critic();
     let mut half = |critic: &Mlp| {
         let q = tape.mlp(critic, input);
         let error = tape.sub(q, y);
@@ -213,7 +219,8 @@ pub fn actor_loss(
 ) -> (Var, Var) {
     let actions = shard.action.rows();
     let z = tape.input(&shard.z);
-    let output = tape.mlp(&model.policy.network, z);
+    let (actor, critics) = model.policy.actor_critic();
+    let output = tape.mlp(actor, z);
     let (mean, deviation) = SelfModel::gaussian(tape, output, actions);
     let noise = tape.input(&shard.noise);
     let u = tape.gaussian_sample(mean, deviation, noise);
@@ -222,8 +229,8 @@ pub fn actor_loss(
     let log_density = tape.sub(density, squash);
     let action = tape.tanh(u);
     let input = tape.concat(&[z, action]);
-    let first = tape.mlp(&model.critics[0], input);
-    let second = tape.mlp(&model.critics[1], input);
+    let first = tape.mlp(&critics[0], input);
+    let second = tape.mlp(&critics[1], input);
     let q = tape.min(first, second);
     let entropy = tape.scale(log_density, temperature);
     let soft = tape.sub(entropy, q);

@@ -1,19 +1,19 @@
 //! `mirror train self --domain highway`: the self-model from nothing, by ELBO and soft actor-critic (paper §III-A; sizes and
-//! schedules from the appendix, "CARLA", and DESIGN §5 and §11).
+//! schedules from the appendix, "CARLA").
 //!
 //! An episode is lived (by the expert with probability β, else by the policy), then a number of gradient steps are
 //! made. Randomness is drawn anew from (seed, episode), and a checkpoint holds weights, optimiser, targets and replay:
 //! stopping and resuming gives the same bytes as not stopping.
 
-use crate::batches::{Batch, Dropout};
+use crate::batches::{Drawing, Dropout, Shard};
+use crate::config::Checked;
 use crate::replay::Replay;
 use crate::rollout::{Actor, Rollout, Summary};
 use crate::sac::{self, TargetScratch, Targets, Transitions};
-use domains::highway::Scene;
-use models::SelfModel;
-use models::self_model::Sizes;
+use domains::highway::{Scene, modalities};
 use models::utterances::UtteranceTable;
-use nn::{Adam, Arena, Gradients, ParamId, Tape, noise};
+use models::{SelfModel, Sizes};
+use nn::{Adam, Arena, Gradients, ParamId, Tape, Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -21,9 +21,10 @@ use std::sync::Arc;
 
 /// Settings of a training run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Seed of everything.
+    /// Seed of everything: no configuration has it.
+    #[serde(default)]
     pub seed: u64,
     /// Episodes lived.
     pub episodes: u32,
@@ -31,7 +32,7 @@ pub struct Settings {
     pub gradient_steps: usize,
     /// Sequences per gradient step.
     pub sequences: usize,
-    /// Steps per sequence. DESIGN says 200 sequences of 3; with as many steps in longer sequences the belief learns to
+    /// Steps per sequence. Rather than 200 sequences of 3: with as many steps in longer sequences the belief learns to
     /// remember what it no longer sees.
     pub length: usize,
     /// Rate of Adam.
@@ -57,33 +58,19 @@ pub struct Settings {
     pub explore_decay: f32,
     /// Probability that dropout keeps a value.
     pub keep: f32,
+    /// Soft actor-critic's.
+    pub sac: sac::Settings,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            seed: 0,
-            episodes: 400,
-            gradient_steps: 100,
-            sequences: 75,
-            length: 8,
-            learning_rate: 3e-4,
-            gradient_clip: 100.0,
-            replay: 100_000,
-            imitation: 1.0,
-            imitation_decay: 0.995,
-            imitation_floor: 0.5,
-            imitation_deviation: 0.3,
-            explore: 0.5,
-            explore_decay: 0.9,
-            keep: 0.35,
-        }
+        crate::config::highway().self_model
     }
 }
 
-impl Settings {
-    /// A reason why these settings make no sense, if there is one.
-    pub fn problem(&self) -> Option<String> {
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
         if !(2..=64).contains(&self.length) {
             return Some(format!("length must be from 2 to 64, not {}", self.length));
         }
@@ -107,6 +94,12 @@ impl Settings {
         {
             return Some(
                 "learning_rate, gradient_clip and imitation_deviation must be positive".to_owned(),
+            );
+        }
+        if !self.sac.is_sound() {
+            return Some(
+                "sac: discount and target_rate lie in [0, 1], initial_temperature is positive"
+                    .to_owned(),
             );
         }
         let unit = |x: f32| (0.0..=1.0).contains(&x);
@@ -173,7 +166,7 @@ pub struct Trainer {
     sac: sac::Settings,
     table: UtteranceTable,
     rollout: Rollout,
-    batch: Batch,
+    drawing: Drawing,
     workers: Vec<Worker>,
     parts: Parts,
 }
@@ -206,7 +199,7 @@ struct Losses {
 }
 
 impl Trainer {
-    /// A run from nothing.
+    /// A run from nothing, with the networks that ship.
     ///
     /// # Errors
     /// If the scene's road cannot be built.
@@ -215,8 +208,22 @@ impl Trainer {
         table: UtteranceTable,
         settings: Settings,
     ) -> Result<Self, domains::highway::road::RoadError> {
+        let sizes = Sizes::of(&modalities::layout());
+        Self::with_sizes(scene, table, settings, sizes)
+    }
+
+    /// A run from nothing.
+    ///
+    /// # Errors
+    /// If the scene's road cannot be built.
+    pub fn with_sizes(
+        scene: Arc<Scene>,
+        table: UtteranceTable,
+        settings: Settings,
+        sizes: Sizes,
+    ) -> Result<Self, domains::highway::road::RoadError> {
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        let model = SelfModel::new(Sizes::HIGHWAY, &mut rng);
+        let model = SelfModel::new(sizes, modalities::layout(), &mut rng);
         let ids = |prefixes: &[&str]| -> Vec<ParamId> {
             model
                 .parameters
@@ -238,12 +245,12 @@ impl Trainer {
             actor: ids(&["policy"]),
         };
         let all: Vec<ParamId> = model.parameters.iter().map(|(id, _, _)| id).collect();
-        let batch = Batch::new(&model.sizes, settings.sequences, settings.length);
-        let workers = batch
+        let drawing = Drawing::new(&model, settings.sequences, settings.length);
+        let workers = drawing
             .shards
             .iter()
             .map(|shard| {
-                let transitions = shard.expert[0].cols() * (settings.length - 1);
+                let transitions = shard.batch.columns * (settings.length - 1);
                 Worker {
                     arena: Arena::new(),
                     gradients: Gradients::for_params(&model.parameters),
@@ -256,7 +263,7 @@ impl Trainer {
                 }
             })
             .collect();
-        let sac = sac::Settings::default();
+        let sac = settings.sac;
         Ok(Self {
             rollout: Rollout::new(scene, &model)?,
             targets: Targets::new(&model),
@@ -269,7 +276,7 @@ impl Trainer {
             settings,
             sac,
             table,
-            batch,
+            drawing,
             workers,
             parts,
         })
@@ -309,9 +316,10 @@ impl Trainer {
             let dropout = Dropout {
                 keep: self.settings.keep,
             };
+            let (model, replay) = (&self.model, &self.replay);
             if !self
-                .batch
-                .draw(&self.replay, &self.table, dropout, &mut rng)
+                .drawing
+                .draw(model, replay, &self.table, dropout, &mut rng)
             {
                 break;
             }
@@ -355,7 +363,7 @@ impl Trainer {
             let jobs: Vec<_> = self
                 .workers
                 .iter_mut()
-                .zip(&self.batch.shards)
+                .zip(&self.drawing.shards)
                 .map(|(worker, shard)| {
                     scope.spawn(move || {
                         worker.step(model, targets, parts, shard, settings, temperature, weights)
@@ -455,7 +463,7 @@ impl Worker {
         model: &SelfModel,
         targets: &Targets,
         parts: &Parts,
-        shard: &crate::batches::Shard,
+        shard: &Shard,
         settings: sac::Settings,
         temperature: f32,
         weights: [f32; 2],
@@ -464,12 +472,12 @@ impl Worker {
         let mut losses = Losses::default();
         {
             let mut tape = Tape::new(&model.parameters, &mut self.arena);
-            let elbo = model.negative_elbo(&mut tape, &shard.sequence);
+            let elbo = model.negative_elbo(&mut tape, &shard.batch);
             losses.loss = tape.scalar(elbo.loss);
             losses.reconstruction = tape.scalar(elbo.reconstruction);
             losses.reward = tape.scalar(elbo.reward);
             losses.divergence = tape.scalar(elbo.divergence);
-            collect(&mut self.transitions, &tape, &elbo.z, shard);
+            collect(&mut self.transitions, tape.value(elbo.z), shard);
             tape.backward(elbo.loss, &mut self.gradients, &|id| {
                 parts.world.contains(&id)
             });
@@ -492,20 +500,21 @@ impl Worker {
     }
 }
 
-/// Gathers (z_t, a_t, r_{t+1}, z_{t+1}) of all steps of a shard, side by side.
-fn collect(out: &mut Transitions, tape: &Tape, z: &[nn::Var], shard: &crate::batches::Shard) {
-    let steps = &shard.sequence.steps;
-    let batch = steps[0].reward.cols();
-    for t in 0..steps.len() - 1 {
-        let copy = |to: &mut nn::Tensor, from: &[f32]| {
-            let rows = to.rows();
-            to.data_mut()[t * batch * rows..(t + 1) * batch * rows].copy_from_slice(from);
-        };
-        copy(&mut out.z, tape.value(z[t]));
-        copy(&mut out.next, tape.value(z[t + 1]));
-        copy(&mut out.action, steps[t + 1].action.data());
-        copy(&mut out.reward, steps[t + 1].reward.data());
-        copy(&mut out.expert, shard.expert[t].data());
-        copy(&mut out.terminal, shard.terminal[t + 1].data());
-    }
+/// Gathers (z_t, a_t, r_{t+1}, z_{t+1}) of all steps of a shard, side by side. `z`: `latent × (steps · columns)`.
+fn collect(out: &mut Transitions, z: &[f32], shard: &Shard) {
+    let (batch, columns) = (&shard.batch, shard.batch.columns);
+    let earlier = |to: &mut Tensor, from: &[f32]| {
+        let n = to.data().len();
+        to.data_mut().copy_from_slice(&from[..n]);
+    };
+    let later = |to: &mut Tensor, from: &[f32]| {
+        let first = to.rows() * columns;
+        to.data_mut().copy_from_slice(&from[first..]);
+    };
+    earlier(&mut out.z, z);
+    later(&mut out.next, z);
+    later(&mut out.action, batch.action.data());
+    later(&mut out.reward, batch.reward.data());
+    earlier(&mut out.expert, shard.expert.data());
+    later(&mut out.terminal, shard.terminal.data());
 }

@@ -10,25 +10,29 @@
 //! Half of every batch is demonstrated, half lived. Policy and people see the same: in fog as far as the person does, in
 //! clear weather everything, with words as in [`crate::lessons`].
 
-use crate::lessons::{Lesson, Perceiver, SPOKEN_SEED};
+use crate::config::{self, Checked};
+use crate::lessons::{Lesson, Perceiver, SPOKEN_SEED, sizes};
 use crate::sac::{HALF_LOG_TAU, log_det};
+use domains::highway::AZIMUTHS;
+use domains::highway::modalities::layout;
 use domains::highway::road::RoadError;
 use domains::highway::{End, Observation, Scene, World};
-use models::observation::AZIMUTHS;
-use models::policy::ActionDistribution;
+use models::policy::HeadScratch;
 use models::utterances::UtteranceTable;
-use models::{RecurrentPolicy, RecurrentSizes};
+use models::{ActionDistribution, RecurrentPolicy, RecurrentSizes};
 use nn::{
     Activation, Adam, Arena, Gradients, GruScratch, Mlp, MlpScratch, ParamId, Parameters, Tape,
     Tensor, Var, noise,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Settings. The paper had no time for SQIL on the highway ("several hours"); here its steps are limited to
 /// `episodes · gradient_steps`, whatever has been learned by then.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Features of h and of the hidden layers.
     pub hidden: usize,
@@ -55,26 +59,33 @@ pub struct Settings {
     /// Largest norm of a gradient.
     pub gradient_clip: f32,
     /// Seed of everything.
+    #[serde(default)]
     pub seed: u64,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            hidden: RecurrentSizes::HIGHWAY.hidden,
-            layers: 3,
-            episodes: 100,
-            gradient_steps: 40,
-            windows: 16,
-            window: 24,
-            burn_in: 8,
-            learning_rate: 5e-4,
-            discount: 0.9,
-            target_rate: 0.005,
-            temperature: 0.1,
-            gradient_clip: 10.0,
-            seed: 0,
-        }
+        config::highway().sqil
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        let least = self.burn_in + 2;
+        (!(1..=1024).contains(&self.hidden)
+            || !(1..=8).contains(&self.layers)
+            || !(2..=10_000).contains(&self.windows)
+            || !(least..=10_000).contains(&self.window)
+            || self.learning_rate <= 0.0
+            || self.gradient_clip <= 0.0
+            || self.temperature <= 0.0
+            || !(0.0..=1.0).contains(&self.discount)
+            || !(0.0..=1.0).contains(&self.target_rate))
+        .then(|| {
+            "hidden from 1 to 1024; layers from 1 to 8; at least 2 windows of burn_in + 2 steps or more; rates positive"
+                .to_owned()
+        })
     }
 }
 
@@ -172,6 +183,7 @@ struct Learner {
     arena: Arena,
     rng: ChaCha8Rng,
     distribution: ActionDistribution,
+    head: HeadScratch,
     mlp: MlpScratch,
 }
 
@@ -179,13 +191,13 @@ impl Learner {
     fn new(settings: &Settings) -> Self {
         let sizes = RecurrentSizes {
             hidden: settings.hidden,
-            layers: settings.layers,
-            ..RecurrentSizes::HIGHWAY
+            dense: settings.hidden,
+            ..sizes(settings.layers)
         };
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        let mut network = RecurrentPolicy::new(sizes, &mut rng);
-        let actions = sizes.shape.action;
-        let mut widths = vec![sizes.hidden + actions];
+        let mut network = RecurrentPolicy::new(sizes, &layout(), &mut rng);
+        let actions = network.actions;
+        let mut widths = vec![sizes.hidden + actions.rows()];
         widths.extend(vec![sizes.hidden; sizes.layers - 1]);
         widths.push(1);
         let critics = ["critic_1", "critic_2"].map(|name| {
@@ -227,14 +239,18 @@ impl Learner {
             arena: Arena::new(),
             rng,
             distribution: ActionDistribution::new(actions, 1),
+            head: HeadScratch::default(),
             mlp: MlpScratch::default(),
         }
     }
 
     /// The policy without the critics.
     fn policy(&self) -> RecurrentPolicy {
-        let mut policy =
-            RecurrentPolicy::new(self.network.sizes, &mut ChaCha8Rng::seed_from_u64(0));
+        let mut policy = RecurrentPolicy::new(
+            self.network.sizes,
+            &layout(),
+            &mut ChaCha8Rng::seed_from_u64(0),
+        );
         let ids: Vec<ParamId> = policy.parameters.ids().collect();
         for id in ids {
             // Created first, in the same order.
@@ -272,7 +288,8 @@ impl Learner {
                 .gru
                 .infer(p, &input, &h, &mut scratch, &mut next);
             std::mem::swap(&mut h, &mut next);
-            self.distribution.infer_network(&self.network.head, p, &h);
+            self.distribution
+                .infer(&self.network.head, 1.0, p, &h, &mut self.head);
             noise::fill(&mut epsilon, self.rng.random(), 0);
             self.distribution.sample(Some(&epsilon), &mut drawn);
             let action = [drawn.data()[0], drawn.data()[1]];
@@ -346,7 +363,7 @@ impl Learner {
                 &drawn,
                 &self.settings,
                 seed,
-                (&mut self.distribution, &mut self.mlp),
+                (&mut self.distribution, &mut self.head, &mut self.mlp),
             )
         };
         let mut loss: Option<Var> = None;
@@ -419,7 +436,7 @@ fn actor_loss(
     seed: u64,
 ) -> Var {
     let h = tape.input(states);
-    let (mean, deviation) = network.action(tape, h);
+    let (mean, deviation) = network.gaussian(tape, h);
     let epsilon = tape.input_with(2, states.cols(), |out| noise::fill(out, seed, 1));
     let u = tape.gaussian_sample(mean, deviation, epsilon);
     let density = tape.gaussian_log_density(u, mean, deviation);
@@ -450,7 +467,7 @@ fn follow(
                     out.copy_from_slice(lived.lesson.input.column(start + t));
                 }
             });
-            h = network.step(tape, input, h);
+            h = tape.gru(&network.gru, input, h);
             h
         })
         .collect()
@@ -469,27 +486,30 @@ fn targets(
     drawn: &[(&Lived, usize)],
     settings: &Settings,
     seed: u64,
-    (distribution, mlp): (&mut ActionDistribution, &mut MlpScratch),
+    (distribution, head, mlp): (&mut ActionDistribution, &mut HeadScratch, &mut MlpScratch),
 ) -> Vec<f32> {
     let (windows, half) = (drawn.len(), drawn.len() / 2);
     let count = nexts.cols();
     let mut epsilon = vec![0.0; 2 * count];
     noise::fill(&mut epsilon, seed, 0);
     let mut action = Tensor::new(2, count);
-    distribution.infer_network(&network.head, &network.parameters, nexts);
+    distribution.infer(&network.head, 1.0, &network.parameters, nexts, head);
     distribution.sample(Some(&epsilon), &mut action);
     let mut q = [Tensor::new(1, count), Tensor::new(1, count)];
     for (critic, q) in critics.iter().zip(&mut q) {
         critic.infer_stacked(parameters, &[nexts, &action], mlp, q);
     }
+    let Some((mean, std)) = distribution.gaussian() else {
+        return Vec::new(); // the highway's actions are numbers
+    };
     (0..count)
         .map(|i| {
             let (t, j) = (i / windows, i % windows);
             let (lived, start) = drawn[j];
             let mut log_density = 0.0;
             for d in 0..2 {
-                let (noise, deviation) = (epsilon[2 * i + d], distribution.deviation.column(i)[d]);
-                let u = distribution.mean.column(i)[d] + deviation * noise;
+                let (noise, deviation) = (epsilon[2 * i + d], std.column(i)[d]);
+                let u = mean.column(i)[d] + deviation * noise;
                 log_density += -0.5 * noise * noise - deviation.ln() - HALF_LOG_TAU - log_det(u);
             }
             let future = q[0].data()[i].min(q[1].data()[i]) - settings.temperature * log_density;
@@ -558,7 +578,7 @@ mod tests {
         let mut h = Tensor::new(policy.sizes.hidden, 1);
         let mut next = Tensor::new(policy.sizes.hidden, 1);
         let input = Tensor::new(policy.sizes.input(), 1);
-        let mut distribution = ActionDistribution::new(2, 1);
+        let mut distribution = ActionDistribution::new(policy.actions, 1);
         for _ in 0..6 {
             let mut scratch = GruScratch::default();
             policy
@@ -566,8 +586,10 @@ mod tests {
                 .infer(&policy.parameters, &input, &h, &mut scratch, &mut next);
             std::mem::swap(&mut h, &mut next);
         }
-        distribution.infer_network(&policy.head, &policy.parameters, &h);
-        distribution.mean.column(0)[0]
+        let mut head = HeadScratch::default();
+        distribution.infer(&policy.head, 1.0, &policy.parameters, &h, &mut head);
+        let (mean, _) = distribution.gaussian().expect("numbers");
+        mean.column(0)[0]
     }
 
     #[test]

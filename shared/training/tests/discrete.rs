@@ -2,7 +2,7 @@
 //! loss of shared rounds has the gradient of its slope, policies learn more than chance, and files give back what was saved.
 
 use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, Words, World};
-use models::discrete::{DiscreteModel, Implants, Sizes};
+use models::{Implants, RecurrentSizes, SelfModel, Sizes};
 use nn::Parameters;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -38,7 +38,7 @@ fn trainer(domain: Domain) -> Trainer {
         length: 5,
         // Expert's and policy's rounds, both sights, and every phase's weights are to be in it.
         expert: 0.3,
-        ..Settings::of(domain)
+        ..Settings::of(domain.name())
     };
     Trainer::new(world(domain, Setting::Original), settings)
 }
@@ -101,7 +101,7 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
         let replay = checkpoint.u8s("replay").unwrap();
         let start = bytes.windows(replay.len()).position(|part| part == replay);
         // After the round's length, its end and the first observation's missing action.
-        bytes[start.unwrap() + 6] = second.model.layout.actions as u8;
+        bytes[start.unwrap() + 6] = second.model.layout.actions.rows() as u8;
         std::fs::write(&path, &bytes).unwrap();
         let error = Trainer::resume(&path, world(domain, Setting::Original))
             .err()
@@ -134,7 +134,7 @@ fn learning_implants_moves_nothing_else() {
                 learned.frozen_moved
             );
             assert_eq!(bits(&model.parameters), before);
-            let fresh = models::discrete::Implants::new(
+            let fresh = Implants::new(
                 &model,
                 with_policy,
                 &mut <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(0),
@@ -187,8 +187,10 @@ fn policies_learned_from_rounds_know_more_than_chance() {
         Rounds::record(&mut world, &mut person, 4, 500, 12)
     };
     let world = world(domain, Setting::Original);
+    let sizes = RecurrentSizes::of(world.layout(), 1);
     let cloned = cloning::learn(
         world.layout(),
+        sizes,
         &learned_from,
         &held,
         &cloning::Settings::default(),
@@ -206,8 +208,10 @@ fn policies_learned_from_rounds_know_more_than_chance() {
         phases: 8,
         ..sqil::Settings::default()
     };
+    let sight = person.sight();
     let imitated = sqil::learn(
-        vec![(world, *person.sight())],
+        vec![(world, (sight.limits.to_vec(), sight.heard))],
+        sizes,
         &learned_from,
         &held,
         &settings,
@@ -217,6 +221,7 @@ fn policies_learned_from_rounds_know_more_than_chance() {
     // Neither depends on anything but its arguments.
     let again = cloning::learn(
         &trainer(domain).model.layout,
+        sizes,
         &learned_from,
         &held,
         &cloning::Settings::default(),
@@ -229,7 +234,7 @@ fn policies_learned_from_rounds_know_more_than_chance() {
 
 #[test]
 fn nothing_is_learned_from_nothing() {
-    let model: DiscreteModel = trainer(Domain::Driving).model;
+    let model: SelfModel = trainer(Domain::Driving).model;
     let empty = Rounds::new(&model.layout, Setting::Original, 0);
     let learned = implants::learn(
         &model,
@@ -249,7 +254,7 @@ fn the_gradient_of_a_shared_round_is_its_slope() {
     let (lived, _) = rounds(domain, Setting::Transfer, 3);
     let layout = Arc::new(world(domain, Setting::Transfer).layout().clone());
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let model = DiscreteModel::new(Sizes::of(&layout), layout, &mut rng);
+    let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
     let mut own = Implants::new(&model, true, &mut rng);
     let ids: Vec<_> = own.parameters.ids().collect();
     for (i, id) in ids.into_iter().enumerate() {
@@ -285,7 +290,7 @@ fn the_gradient_of_a_shared_round_is_its_slope() {
             (tape.scalar(loss), plain)
         };
         let (_, bound) = loss(&parameters, Some(&mut gradients));
-        for &id in attached.residual_ids() {
+        for &id in attached.policy_ids() {
             let step = 1e-2;
             for place in [0, parameters.get(id).data().len() - 1] {
                 let mut at = |by: f32| {

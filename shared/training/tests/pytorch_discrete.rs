@@ -2,7 +2,8 @@
 //! paper's sizes, and images with words. The fixtures and the script that makes them are in `tools/` (`make_discrete_fixtures.py`).
 
 use domains::discrete::{Discrete, Domain, Scene, Setting, Words, World};
-use models::discrete::{Batch, DiscreteModel, ImageSizes, Sizes};
+use models::self_model::Batch;
+use models::{ImageSizes, SelfModel, Sizes};
 use nn::checkpoint::{self, Checkpoint};
 use nn::{Arena, Gradients, Tape, Tensor};
 use rand::SeedableRng;
@@ -43,7 +44,7 @@ fn check(domain: Domain, name: &str) {
         transition_hidden: number(&file, "transition_hidden"),
         encoder_hidden: number(&file, "encoder_hidden"),
         decoder_hidden: number(&file, "decoder_hidden"),
-        q_hidden: number(&file, "q_hidden"),
+        policy_hidden: number(&file, "q_hidden"),
         image: Sizes::of(&layout).image.map(|image| ImageSizes {
             patterns: file.tensor("weight.draw.weight").unwrap().cols(),
             ..image
@@ -54,7 +55,7 @@ fn check(domain: Domain, name: &str) {
         assert_eq!(sizes, Sizes::of(&layout), "the paper's sizes");
     }
     // Random weights first, so that a parameter that the fixture does not fill would show.
-    let mut model = DiscreteModel::new(sizes, layout, &mut ChaCha8Rng::seed_from_u64(0));
+    let mut model = SelfModel::new(sizes, layout, &mut ChaCha8Rng::seed_from_u64(0));
     file.read("weight", &mut model.parameters).unwrap();
     let mut batch = Batch::new(&model, number(&file, "steps"), number(&file, "batch"));
     joined(&file, "observed", &mut batch.observed);

@@ -98,8 +98,7 @@ fn learning_implants_moves_nothing_else() {
         learned.frozen_moved
     );
     let fresh = Implants::new(
-        model.sizes.latent,
-        2,
+        &model,
         true,
         &mut rand::SeedableRng::seed_from_u64(settings.seed),
     );

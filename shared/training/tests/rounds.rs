@@ -275,8 +275,7 @@ fn table_of(rounds: &Rounds, visual: usize, verbal: usize) -> String {
     text.push('\n');
     for (number, round) in rounds.rounds.iter().enumerate() {
         for t in 0..round.len() {
-            let perceived =
-                u64::from(round.perceived[t].visual) | u64::from(round.perceived[t].verbal) << 32;
+            let perceived = round.perceived[t].visual | u64::from(round.perceived[t].verbal) << 32;
             let (action, reward) = (round.action[t], round.reward[t]);
             write!(text, "{number},{action},{reward},{perceived}").unwrap();
             let seen = &round.visual[t * visual..(t + 1) * visual];

@@ -1,12 +1,12 @@
 //! A small set of processes, each in a thread with its own node, and the rest of the world as a script.
 #![allow(dead_code)] // every test program uses its own part
 
+use domains::highway::modalities::layout;
 use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, ProcessState, Report,
     RobotBelief, topic,
 };
-use models::self_model::Sizes;
-use models::{Implants, SelfHuman, SelfModel};
+use models::{Implants, SelfHuman, SelfModel, Sizes};
 use planner::{PlannerMethod, PlannerOptions};
 use planning::Settings;
 use rand::{RngExt, SeedableRng};
@@ -21,10 +21,8 @@ use std::thread::JoinHandle;
 /// An untrained self-model, the same each time.
 pub fn self_model() -> SelfModel {
     SelfModel::new(
-        Sizes {
-            hidden: 32,
-            ..Sizes::HIGHWAY
-        },
+        Sizes::of(&layout()).with_hidden(32),
+        layout(),
         &mut ChaCha8Rng::seed_from_u64(4),
     )
 }
@@ -33,8 +31,8 @@ pub fn self_model() -> SelfModel {
 pub fn human() -> SelfHuman {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let model = self_model();
-    let implants = Implants::new(model.sizes.latent, 2, true, &mut rng);
-    SelfHuman::new(Arc::new(model), Some(implants))
+    let implants = Implants::new(&model, true, &mut rng);
+    SelfHuman::new(Arc::new(model), Some(implants), 0)
 }
 
 /// A small planner whose costs leave room for decisions either way.

@@ -6,8 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::{
     BUTTONS, LIVE, Person, SENTENCES, Scene, TERMINALS, TYPES, Table, WAIT, read_terminal,
 };
+use crate::Mask;
 use crate::discrete::memory::{of_index, to_index};
-use crate::discrete::{Mask, Mind, Perception, Sight, Words, WordsError, draw, random};
+use crate::discrete::{Limits, Mind, Sight, Words, WordsError, draw, random};
 
 /// Stream of random numbers of defusers; the next is their eyes'.
 const STREAM: u64 = 0x6465_6675;
@@ -34,7 +35,7 @@ impl Defuser {
         Ok(Self {
             rules: *scene.rules.in_force(scene.setting),
             sight: Sight {
-                perception: Perception::Probabilities([person.notice; TERMINALS]),
+                limits: Limits::Probabilities([person.notice; TERMINALS]),
                 heard: 0,
             },
             words: words.clone(),

@@ -9,6 +9,7 @@
 
 mod defuser;
 mod glyph;
+mod perception;
 mod person;
 mod scene;
 mod world;
@@ -19,7 +20,10 @@ pub use person::Person;
 pub use scene::{Reward, Rules, Scene, Table};
 pub use world::World;
 
-use crate::discrete::{Domain, Image, Layout, Mask};
+use crate::{ActionSpace, Image, Layout, Mask};
+
+/// The domain's name.
+pub const NAME: &str = "bomb_defusal";
 
 /// Terminals.
 pub const TERMINALS: usize = 6;
@@ -69,10 +73,11 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         }
     }
     Layout {
-        domain: Domain::BombDefusal,
+        domain: NAME,
+        number: 3,
         visual: VISUAL,
         verbal: width,
-        actions: BUTTONS + 1,
+        actions: ActionSpace::Discrete(BUTTONS + 1),
         image: Some(Image {
             channels: 1,
             height: HEIGHT,
@@ -85,6 +90,11 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         verbal_utterance: vec![0; width],
         regions: TERMINALS,
         utterances: 1,
+        perception: &perception::ChanceOfNoticing,
+        sensed: Mask {
+            visual: (1 << TERMINALS) - 1,
+            verbal: (1 << 1) - 1,
+        },
         heard: 0,
         communicable: Mask {
             visual: 0x3f,
@@ -103,5 +113,7 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         ],
         utterance_names: &["type of the bomb"],
         terms: &["right", "wrong", "time"],
+        success: "the bomb is defused",
+        accident: "ran into an obstacle",
     }
 }

@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::glyph::{GLYPHS, LIVE, draw};
 use super::{BUTTONS, IMAGE, SENTENCES, STAGES, Scene, TERMINALS, TYPES, Table, VISUAL, WAIT};
-use crate::discrete::{Discrete, End, Layout, Outcome, Setting, Words, WordsError, random};
+use crate::Layout;
+use crate::discrete::{Discrete, End, Outcome, Setting, Words, WordsError, random};
 
 /// Stream of random numbers of the terminals.
 const STREAM: u64 = 0x626f_6d62;

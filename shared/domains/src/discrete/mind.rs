@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Mask, Scene, Sight, Words, WordsError};
+use super::{Scene, Sight, Words, WordsError};
+use crate::Mask;
 use crate::highway::FileError;
 use crate::{bomb_defusal, driving, search_rescue};
 

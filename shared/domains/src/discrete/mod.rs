@@ -28,8 +28,6 @@
 
 mod draw;
 pub(crate) mod file;
-mod layout;
-mod mask;
 pub(crate) mod memory;
 mod mind;
 mod scene;
@@ -38,15 +36,14 @@ mod speech;
 mod words;
 mod world;
 
-pub use layout::{Image, Layout};
-pub use mask::Mask;
 pub use mind::{Acting, Mind, PersonError, SimulatedPerson};
 pub use scene::{Clock, Communication, Planning, STEP_S, Scene};
-pub use sight::{Perception, Sight};
+pub use sight::{Limits, Sight};
 pub use speech::{sentence, symbols};
 pub use words::{Words, WordsError};
 pub use world::World;
 
+use crate::Layout;
 use serde::{Deserialize, Serialize};
 
 /// Most terms that a domain's reward has.

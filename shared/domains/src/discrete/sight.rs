@@ -4,12 +4,11 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::Mask;
-use crate::{bomb_defusal, driving, search_rescue};
+use crate::{Mask, bomb_defusal, driving, search_rescue};
 
-/// Perceptual parameters of a domain.
+/// The true limits of a person's sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Perception {
+pub enum Limits {
     /// Driving: how many cells ahead in the left and the right lane, then behind in the left and the right lane, a car is seen.
     Thresholds([f32; 4]),
     /// Search and rescue: a portion of the map is seen if its centre is within so many cells.
@@ -18,11 +17,22 @@ pub enum Perception {
     Probabilities([f32; bomb_defusal::TERMINALS]),
 }
 
+impl Limits {
+    /// As numbers, in the order of the domain's [`crate::Perception`].
+    pub fn to_vec(&self) -> Vec<f32> {
+        match self {
+            Self::Thresholds(cells) => cells.to_vec(),
+            Self::Radius(cells) => vec![*cells],
+            Self::Probabilities(p) => p.to_vec(),
+        }
+    }
+}
+
 /// What a person perceives without an assistant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
     /// What they see.
-    pub perception: Perception,
+    pub limits: Limits,
     /// Utterances that they hear without an assistant, a bit each.
     pub heard: u32,
 }
@@ -31,11 +41,11 @@ impl Sight {
     /// What they perceive of an observation, sensed or imagined; `visual` is the whole modality. Only probabilities draw from
     /// `random` (six numbers each time).
     pub fn perceives(&self, visual: &[f32], random: &mut ChaCha8Rng) -> Mask {
-        let visual = match &self.perception {
-            Perception::Thresholds(cells) => driving::visible(cells, visual),
-            Perception::Radius(cells) => search_rescue::visible(*cells, visual),
-            Perception::Probabilities(p) => p.iter().enumerate().fold(0, |bits, (terminal, p)| {
-                bits | u32::from(random.random::<f32>() < *p) << terminal
+        let visual = match &self.limits {
+            Limits::Thresholds(cells) => driving::visible(cells, visual),
+            Limits::Radius(cells) => search_rescue::visible(*cells, visual),
+            Limits::Probabilities(p) => p.iter().enumerate().fold(0, |bits, (terminal, p)| {
+                bits | u64::from(random.random::<f32>() < *p) << terminal
             }),
         };
         Mask {

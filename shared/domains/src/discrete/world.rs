@@ -1,6 +1,7 @@
 //! A world of any of the gridworlds.
 
-use super::{Discrete, Layout, Outcome, Scene, Setting, Words, WordsError};
+use super::{Discrete, Outcome, Scene, Setting, Words, WordsError};
+use crate::Layout;
 use crate::{bomb_defusal, driving, search_rescue};
 
 /// A world of any of the gridworlds: a plain value. Clones share layout and scene and allocate nothing.

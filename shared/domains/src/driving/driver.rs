@@ -8,7 +8,8 @@ use super::person::{MAX_HORIZON, MAX_SAMPLES};
 use super::{
     CARS, Car, FEATURES, Person, RANGE_CELLS, STAY, SWITCH, Scene, advance, features, visible,
 };
-use crate::discrete::{Mask, Mind, Perception, Setting, Sight, draw, random};
+use crate::Mask;
+use crate::discrete::{Limits, Mind, Setting, Sight, draw, random};
 
 /// Stream of random numbers of drivers; the next is their eyes'.
 const STREAM: u64 = 0x6472_7672;
@@ -60,7 +61,7 @@ impl SimulatedDriver {
             elites: (planning.elites as usize).clamp(1, samples),
             discount: planning.discount,
             sight: Sight {
-                perception: Perception::Thresholds([ahead, ahead, behind, behind]),
+                limits: Limits::Thresholds([ahead, ahead, behind, behind]),
                 heard: 0,
             },
             random: random(0, 0, STREAM),
@@ -172,7 +173,7 @@ impl Mind for SimulatedDriver {
 
     fn perceive(&mut self, visual: &[f32], verbal: &[f32], perceived: Mask) {
         self.lane = usize::from(visual[0] > 0.0);
-        let Perception::Thresholds(limits) = self.sight.perception else {
+        let Limits::Thresholds(limits) = self.sight.limits else {
             unreachable!("drivers see by thresholds")
         };
         for slot in 0..CARS {

@@ -7,6 +7,7 @@
 
 mod driver;
 mod features;
+mod perception;
 mod person;
 mod scene;
 mod traffic;
@@ -19,7 +20,10 @@ pub use scene::{Fog, Reward, Scene, Traffic};
 pub use traffic::{Car, advance, best_action, reward_terms};
 pub use world::World;
 
-use crate::discrete::{Domain, Layout, Mask};
+use crate::{ActionSpace, Layout, Mask};
+
+/// The domain's name.
+pub const NAME: &str = "driving";
 
 /// Cars other than the ego car.
 pub const CARS: usize = 4;
@@ -41,13 +45,13 @@ pub const fn lane_of(slot: usize) -> usize {
 
 /// Which cars are seen, a bit each: those within `cells` ahead (left lane, right lane) or behind (left, right). A car alongside
 /// counts as ahead. `visual` is the whole modality, sensed or imagined.
-pub fn visible(cells: &[f32; 4], visual: &[f32]) -> u32 {
+pub fn visible(cells: &[f32; 4], visual: &[f32]) -> u64 {
     (0..CARS).fold(0, |bits, slot| {
         let cell = visual[1 + slot] * RANGE_CELLS;
         // Half a cell of tolerance: cells are whole numbers, and imagined ones only nearly so.
         let behind = cell < -0.5;
         let limit = cells[lane_of(slot) + 2 * usize::from(behind)];
-        bits | u32::from(cell.abs() < limit + 0.5) << slot
+        bits | u64::from(cell.abs() < limit + 0.5) << slot
     })
 }
 
@@ -56,15 +60,21 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
     let mut visual_region = vec![None];
     visual_region.extend((0..CARS as u8).map(Some));
     Layout {
-        domain: Domain::Driving,
+        domain: NAME,
+        number: 1,
         visual: VISUAL,
         verbal: VERBAL,
-        actions: 2,
+        actions: ActionSpace::Discrete(2),
         image: None,
         visual_region,
         verbal_utterance: (0..VERBAL as u8).map(|i| i / 2).collect(),
         regions: CARS,
         utterances: CARS,
+        perception: &perception::CellsToCars,
+        sensed: Mask {
+            visual: (1 << CARS) - 1,
+            verbal: (1 << CARS) - 1,
+        },
         heard: 0,
         communicable: Mask {
             visual: 0b0011,
@@ -76,6 +86,8 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
         region_names: &NAMES,
         utterance_names: &NAMES,
         terms: &["proximity", "collision", "change"],
+        success: "the end of the road reached",
+        accident: "hit another car",
     }
 }
 

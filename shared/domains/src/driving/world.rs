@@ -7,7 +7,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::{CARS, Car, RANGE_CELLS, SWITCH, Scene, advance, best_action, reward_terms};
-use crate::discrete::{Discrete, End, Layout, Outcome, Setting, random};
+use crate::Layout;
+use crate::discrete::{Discrete, End, Outcome, Setting, random};
 
 /// Stream of random numbers of the traffic.
 const STREAM: u64 = 0x6472_6976;
@@ -169,7 +170,7 @@ impl Discrete for World {
     }
 
     fn legal(&self, action: usize) -> bool {
-        action < self.layout.actions
+        action < self.layout.actions.rows()
     }
 
     fn expert(&self) -> usize {

@@ -13,6 +13,7 @@ pub mod fog;
 pub mod geometry;
 pub mod lidar;
 mod memory;
+pub mod modalities;
 pub mod person;
 pub mod road;
 pub mod scene;

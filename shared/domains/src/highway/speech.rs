@@ -20,7 +20,7 @@ pub const SECTOR_AZIMUTHS: [(usize, usize); SECTORS] =
     [(0, 0), (1, 9), (10, 17), (18, 18), (19, 26), (27, 35)];
 
 /// The sector that an azimuth belongs to.
-pub fn sector_of(azimuth: usize) -> usize {
+pub const fn sector_of(azimuth: usize) -> usize {
     match azimuth {
         0 => 0,
         1..=9 => 1,
@@ -32,8 +32,8 @@ pub fn sector_of(azimuth: usize) -> usize {
 }
 
 /// Whether a head-up display can show an azimuth: 0–9 and 27–35.
-pub fn displayable(azimuth: usize) -> bool {
-    azimuth <= 9 || (27..AZIMUTHS).contains(&azimuth)
+pub const fn displayable(azimuth: usize) -> bool {
+    azimuth <= 9 || (azimuth >= 27 && azimuth < AZIMUTHS)
 }
 
 /// What an utterance says about its sector.

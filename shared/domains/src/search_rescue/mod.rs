@@ -6,6 +6,7 @@
 //! the victim is found. Verbal: an utterance's vector for each of five subjects. Actions: up, down, left, right.
 
 mod map;
+mod perception;
 mod person;
 mod scene;
 mod searcher;
@@ -19,7 +20,11 @@ pub use scene::{Reward, Scene, Smoke};
 pub use searcher::Searcher;
 pub use world::World;
 
-use crate::discrete::{Domain, Image, Layout, Mask, Setting};
+use crate::discrete::Setting;
+use crate::{ActionSpace, Image, Layout, Mask};
+
+/// The domain's name.
+pub const NAME: &str = "search_rescue";
 
 /// Rows and columns of the map.
 pub const SIZE: usize = 9;
@@ -69,12 +74,12 @@ pub fn position_in(visual: &[f32]) -> Cell {
 }
 
 /// Which portions are seen, a bit each: those whose centre is within `radius` cells of the person.
-pub fn visible(radius: f32, visual: &[f32]) -> u32 {
+pub fn visible(radius: f32, visual: &[f32]) -> u64 {
     let (row, column) = (visual[IMAGE] * 4.0 + 4.0, visual[IMAGE + 1] * 4.0 + 4.0);
     (0..PORTIONS).fold(0, |bits, portion| {
         let centre = centre_of(portion);
         let away = (row - centre.row() as f32).hypot(column - centre.column() as f32);
-        bits | u32::from(away <= radius) << portion
+        bits | u64::from(away <= radius) << portion
     })
 }
 
@@ -94,10 +99,11 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         .collect();
     visual_region.extend([None; 3]);
     Layout {
-        domain: Domain::SearchRescue,
+        domain: NAME,
+        number: 2,
         visual: VISUAL,
         verbal: UTTERANCES * width,
-        actions: 4,
+        actions: ActionSpace::Discrete(4),
         image: Some(Image {
             channels: 3,
             height: SIZE,
@@ -109,6 +115,11 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         verbal_utterance: (0..UTTERANCES * width).map(|i| (i / width) as u8).collect(),
         regions: PORTIONS,
         utterances: UTTERANCES,
+        perception: &perception::CellsToPortions,
+        sensed: Mask {
+            visual: (1 << PORTIONS) - 1,
+            verbal: (1 << UTTERANCES) - 1,
+        },
         heard: heard(scene.setting),
         communicable: Mask {
             visual: 0x1ff,
@@ -136,5 +147,7 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
             "bottom corridor",
         ],
         terms: &["found", "rescued", "obstacle", "time"],
+        success: "the victim is rescued",
+        accident: "ran into an obstacle",
     }
 }

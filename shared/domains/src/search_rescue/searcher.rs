@@ -9,8 +9,9 @@ use super::world::colour;
 use super::{
     CELLS, CORRIDORS, IMAGE, PLACES, Person, SENTENCES, Scene, UTTERANCES, portion_of, position_in,
 };
+use crate::Mask;
 use crate::discrete::memory::{of_index, of_truth, to_index, to_truth};
-use crate::discrete::{Mask, Mind, Perception, Setting, Sight, Words, WordsError, draw, random};
+use crate::discrete::{Limits, Mind, Setting, Sight, Words, WordsError, draw, random};
 
 /// Stream of random numbers of searchers; the next is their eyes'.
 const STREAM: u64 = 0x7372_6368;
@@ -54,7 +55,7 @@ impl Searcher {
             returning: person.returning,
             slip: person.slip,
             sight: Sight {
-                perception: Perception::Radius(radius),
+                limits: Limits::Radius(radius),
                 heard: super::heard(scene.setting),
             },
             words: words.clone(),

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use super::map::{Cell, Obstacle, distances, neighbour, step_towards};
 use super::{CELLS, CORRIDORS, IMAGE, PLACES, SENTENCES, SIZE, Scene, UTTERANCES, VISUAL};
-use crate::discrete::{Discrete, End, Layout, Outcome, Setting, Words, WordsError};
+use crate::Layout;
+use crate::discrete::{Discrete, End, Outcome, Setting, Words, WordsError};
 
 /// Colours of the image: red, green, blue. What is hidden is black, so nothing else is.
 pub(super) mod colour {

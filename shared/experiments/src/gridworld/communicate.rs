@@ -8,11 +8,11 @@ use super::subject::{Lived, Place};
 use super::units::{Sheet, Unit, run as run_units};
 use domains::discrete::{Discrete, End, Setting};
 use models::Kind;
-use models::discrete::{DiscreteHuman, DiscreteModel};
-use planning::discrete::settings_of;
+use models::{SelfHuman, SelfModel};
 use planning::ideal::IdealPeople;
+use planning::items::settings_of;
 use planning::round::{Advice, RoundResult, play};
-use planning::{DiscreteAssistant, Settings};
+use planning::{Assistant, Method, Settings};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -120,7 +120,7 @@ const HEADER: &str =
 /// All rounds of one person under one condition.
 struct Piece<'a> {
     study: &'a Study,
-    model: &'a Arc<DiscreteModel>,
+    model: &'a Arc<SelfModel>,
     condition: Condition,
     percent: u32,
     person: u32,
@@ -158,7 +158,7 @@ impl Unit for Piece<'_> {
             Condition::Silent | Condition::Everything => None,
             // The assistant's own human model is not asked where clones of the person are.
             Condition::Ideal => {
-                let human = DiscreteHuman::new(Arc::clone(model), None, 0);
+                let human = SelfHuman::new(Arc::clone(model), None, 0);
                 Some(Box::new(human) as Box<dyn models::HumanModel>)
             }
             Condition::Model(kind) => {
@@ -168,8 +168,10 @@ impl Unit for Piece<'_> {
                 Some(learned.human(model))
             }
         };
-        let mut assistant =
-            human.map(|human| DiscreteAssistant::new(Arc::clone(model), human, study.settings));
+        let mut assistant = human.map(|human| {
+            let items = Arc::clone(&model.layout);
+            Assistant::new(Arc::clone(model), human, study.settings, Method::Ce, items)
+        });
         let mut clones =
             (self.condition == Condition::Ideal).then(|| IdealPeople::new(&person, &model.layout));
         let seed = JUDGED + self.seed;
@@ -210,7 +212,7 @@ fn cells(r: &RoundResult) -> String {
 /// If the folder cannot be written or holds a study with other settings.
 pub fn run(
     study: &Study,
-    model: &Arc<DiscreteModel>,
+    model: &Arc<SelfModel>,
     out: &Path,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Report> {

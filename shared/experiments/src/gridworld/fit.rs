@@ -11,7 +11,7 @@ use crate::statistics::{Interval, over_people};
 use crate::table::write_json;
 use domains::discrete::{Discrete, Setting};
 use models::Kind;
-use models::discrete::DiscreteModel;
+use models::SelfModel;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -37,7 +37,7 @@ pub struct Study {
 /// One model of one person.
 struct Piece<'a> {
     study: &'a Study,
-    model: &'a Arc<DiscreteModel>,
+    model: &'a Arc<SelfModel>,
     setting: Setting,
     /// None for the ideal model.
     kind: Option<Kind>,
@@ -81,7 +81,7 @@ impl Unit for Piece<'_> {
         let nll = match self.kind {
             None => {
                 let first = (LEARNING + VALIDATION) as u32;
-                let actions = place.world.layout().actions;
+                let actions = place.world.layout().actions.rows();
                 let person = place.person(self.person)?;
                 score::of_person(&person, actions, &lived.test, lived.seed, first)
             }
@@ -95,7 +95,7 @@ impl Unit for Piece<'_> {
                     self.seed,
                 )?;
                 match &learned {
-                    Learned::Policy { policy, .. } => score::of_policy(policy, &lived.test),
+                    Learned::Policy { person, .. } => score::of_policy(&person.policy, &lived.test),
                     _ => {
                         let mut human = learned.human(self.model);
                         score::of_model(&mut *human, self.model, &lived.test)
@@ -117,7 +117,7 @@ impl Unit for Piece<'_> {
 pub fn learned(
     common: &Common,
     kind: Kind,
-    model: &DiscreteModel,
+    model: &SelfModel,
     lived: &Lived,
     [person, percent]: [u32; 2],
     seed: u64,
@@ -126,7 +126,7 @@ pub fn learned(
     let own = lived.first(rounds);
     let original = wants_original(kind, own.setting)
         .then(|| -> anyhow::Result<_> {
-            let mut place = Place::new(own.domain, Setting::Original)?;
+            let mut place = Place::new(common.domain, Setting::Original)?;
             let lived = Lived::record(&mut place, Setting::Original, person, seed)?;
             Ok(lived.first(rounds))
         })
@@ -136,6 +136,7 @@ pub fn learned(
         original: original.as_ref(),
         validation: Some(&lived.validation),
         sqil_phases: common.sqil_phases,
+        config: None,
     };
     Ok(learn(kind, model, &lessons, seed, &mut |_, _, _| {})?)
 }
@@ -146,7 +147,7 @@ pub fn learned(
 /// If the folder cannot be written or holds a study with other settings.
 pub fn run(
     study: &Study,
-    model: &Arc<DiscreteModel>,
+    model: &Arc<SelfModel>,
     out: &Path,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Report> {

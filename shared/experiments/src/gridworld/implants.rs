@@ -8,8 +8,9 @@ use super::{Common, title};
 use crate::results::{Claim, Verdict, claims_table, link, ruled, with_interval};
 use crate::statistics::{Interval, over_people};
 use crate::table::write_json;
+use domains::Perception;
 use domains::discrete::{Domain, Mind, Setting};
-use models::discrete::{DiscreteModel, Perceiver, limits_of};
+use models::SelfModel;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -58,7 +59,7 @@ const fn unit(domain: Domain) -> &'static str {
 /// One person in one setting.
 struct Piece<'a> {
     study: &'a Study,
-    model: &'a Arc<DiscreteModel>,
+    model: &'a Arc<SelfModel>,
     setting: Setting,
     person: u32,
     seed: u64,
@@ -68,7 +69,7 @@ const HEADER: &str = "setting,person,seed,limit,true,learned,moments,seen,agreed
 
 impl Unit for Piece<'_> {
     fn keys(&self) -> Vec<String> {
-        let limits = Perceiver::new(&self.model.layout).limits();
+        let limits = self.model.layout.perception.limits();
         (0..limits)
             .map(|limit| {
                 let setting = self.setting.name();
@@ -87,18 +88,21 @@ impl Unit for Piece<'_> {
         let lived = Lived::record(&mut place, self.setting, self.person, self.seed)?;
         let settings = implants::Settings {
             seed: self.seed,
-            ..implants::Settings::default()
+            ..implants::Settings::of(domain.name())
         };
         let rounds = lived.first(self.study.rounds);
         let learned = implants::learn(self.model, true, &rounds, &settings, &mut |_, _| {})?;
         let learned = learned.implants.limits();
-        let perceiver = Perceiver::new(&self.model.layout);
+        let perception = self.model.layout.perception;
         let person = place.person(self.person)?;
-        let truth: Vec<f32> = limits_of(&person.sight().perception)
+        let truth: Vec<f32> = person
+            .sight()
+            .limits
+            .to_vec()
             .into_iter()
-            .map(|limit| limit.min(perceiver.largest()))
+            .map(|limit| limit.min(perception.largest()))
             .collect();
-        let counts = agreement(&perceiver, &truth, &learned, &lived.test);
+        let counts = agreement(perception, &truth, &learned, &lived.test);
         let rows = self.keys().into_iter().enumerate().map(|(k, key)| {
             let [moments, seen, agreed] = counts[k];
             let (truth, learned) = (truth[k], learned[k]);
@@ -111,13 +115,13 @@ impl Unit for Piece<'_> {
 /// For each limit: regions that it governs over all steps of some rounds, how many of them are truly seen, and on how many the
 /// learned limits agree. Nothing where chance decides.
 fn agreement(
-    perceiver: &Perceiver,
+    perception: &dyn Perception,
     truth: &[f32],
     learned: &[f32],
     rounds: &Rounds,
 ) -> Vec<[u32; 3]> {
-    let mut counts = vec![[0; 3]; perceiver.limits()];
-    if perceiver.noise_rows() > 0 {
+    let mut counts = vec![[0; 3]; perception.limits()];
+    if perception.noise_rows() > 0 {
         return counts;
     }
     let width = rounds.sizes[0];
@@ -126,8 +130,8 @@ fn agreement(
         .iter()
         .flat_map(|r| r.visual.chunks_exact(width))
     {
-        for region in 0..perceiver.regions() {
-            let (distance, limit) = perceiver.distance(region, visual, None);
+        for region in 0..perception.regions() {
+            let (distance, limit) = perception.distance(region, visual, None);
             let (seen, thought) = (distance <= truth[limit], distance <= learned[limit]);
             let [moments, are_seen, agreed] = &mut counts[limit];
             *moments += 1;
@@ -144,7 +148,7 @@ fn agreement(
 /// If the folder cannot be written or holds a study with other settings.
 pub fn run(
     study: &Study,
-    model: &Arc<DiscreteModel>,
+    model: &Arc<SelfModel>,
     out: &Path,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Report> {
@@ -167,9 +171,9 @@ pub fn run(
         key: 4,
         about: common.about(model, serde_json::json!({ "rounds": study.rounds })),
     };
-    let perceiver = Perceiver::new(&model.layout);
+    let perception = model.layout.perception;
     let done = run_units(&sheet, &units, progress)?;
-    Ok(Report::new(study, &perceiver, &done))
+    Ok(Report::new(study, perception, &done))
 }
 
 /// One setting's implants.
@@ -217,10 +221,10 @@ pub struct Report {
 }
 
 impl Report {
-    fn new(study: &Study, perceiver: &Perceiver, done: &Done) -> Self {
+    fn new(study: &Study, perception: &dyn Perception, done: &Done) -> Self {
         let common = study.common;
-        let by_chance = perceiver.noise_rows() > 0;
-        let middle = f64::from(perceiver.largest()) / 2.0;
+        let by_chance = perception.noise_rows() > 0;
+        let middle = f64::from(perception.largest()) / 2.0;
         let mut settings = Vec::new();
         let mut sketches = Vec::new();
         for setting in SETTINGS {
@@ -418,12 +422,12 @@ mod tests {
         for domain in [Domain::Driving, Domain::SearchRescue] {
             let mut place = Place::new(domain, Setting::Transfer).expect("ships");
             let lived = Lived::record(&mut place, Setting::Transfer, 2, 1).expect("lived");
-            let perceiver = Perceiver::new(place.world.layout());
+            let perception = place.world.layout().perception;
             let person = place.person(2).expect("ships");
-            let truth = limits_of(&person.sight().perception);
-            let same = agreement(&perceiver, &truth, &truth, &lived.test);
+            let truth = person.sight().limits.to_vec();
+            let same = agreement(perception, &truth, &truth, &lived.test);
             let blind = vec![-1.0; truth.len()];
-            let other = agreement(&perceiver, &truth, &blind, &lived.test);
+            let other = agreement(perception, &truth, &blind, &lived.test);
             let mut all = 0;
             for ([moments, seen, agreed], [_, _, hidden]) in same.iter().zip(&other) {
                 assert_eq!(moments, agreed);
@@ -431,7 +435,7 @@ mod tests {
                 all += moments;
             }
             let steps: usize = lived.test.steps();
-            assert_eq!(all as usize, steps * perceiver.regions());
+            assert_eq!(all as usize, steps * perception.regions());
             // What the limits let be seen is what the person said that they perceived.
             let seen: u32 = same.iter().map(|c| c[1]).sum();
             let masks = lived.test.rounds.iter().flat_map(|r| &r.perceived);

@@ -14,7 +14,7 @@ pub mod subject;
 pub mod units;
 
 use domains::discrete::Domain;
-use models::discrete::DiscreteModel;
+use models::SelfModel;
 use training::discrete as learning;
 
 /// What a domain is called in headings.
@@ -56,13 +56,14 @@ impl Common {
 
     /// What every study's rows depend on beside their keys, with what this one's do: nobody continues a study with other
     /// settings of learning.
-    pub(crate) fn about(&self, model: &DiscreteModel, own: serde_json::Value) -> serde_json::Value {
+    pub(crate) fn about(&self, model: &SelfModel, own: serde_json::Value) -> serde_json::Value {
+        let domain = self.domain.name();
         serde_json::json!({
-            "self_model": models::discrete::digest(&model.parameters),
+            "self_model": model.digest(),
             "rounds": [subject::LEARNING, subject::VALIDATION, subject::TEST],
-            "implants": learning::implants::Settings::default(),
-            "bc": learning::cloning::Settings::default(),
-            "sqil": learning::sqil::Settings::default(),
+            "implants": learning::implants::Settings::of(domain),
+            "bc": learning::cloning::Settings::of(domain),
+            "sqil": learning::sqil::Settings::of(domain),
             "sqil_phases": self.sqil_phases,
             "study": own,
         })

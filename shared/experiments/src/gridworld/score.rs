@@ -5,8 +5,9 @@
 //! probability is the mean over [`IMAGINED`] imagined people. For every model, probabilities below [`LEAST`] count as that.
 
 use domains::discrete::{MAX_ACTIONS, Mind, SimulatedPerson};
-use models::discrete::{DiscreteModel, RecurrentChooser};
-use models::{Beliefs, Communicated, HumanModel, Observations};
+use models::{
+    ActionDistribution, Beliefs, Communicated, HumanModel, Observations, RecurrentPolicy, SelfModel,
+};
 use nn::{Arena, Tape, Tensor, noise};
 use training::discrete::cloning::Perceived;
 use training::discrete::{Round, Rounds};
@@ -22,13 +23,13 @@ fn surprise(probability: f64) -> f64 {
 }
 
 /// Mean surprise of a human model that perceives by itself, in nats a step.
-pub fn of_model(human: &mut dyn HumanModel, model: &DiscreteModel, rounds: &Rounds) -> f64 {
+pub fn of_model(human: &mut dyn HumanModel, model: &SelfModel, rounds: &Rounds) -> f64 {
     let shape = model.sizes.shape;
     let by_chance = human.noise_rows() > human.latent();
     let batch = if by_chance { IMAGINED } else { 1 };
     let mut noise = vec![0.0; human.noise_rows() * batch];
     let mut observations = Observations::new(&shape, batch);
-    let mut distribution = human.distribution(batch);
+    let mut distribution = ActionDistribution::new(human.actions(), batch);
     let told = vec![Communicated::default(); batch];
     let (mut sum, mut counted) = (0.0, 0_usize);
     for (number, round) in rounds.rounds.iter().enumerate() {
@@ -49,7 +50,8 @@ pub fn of_model(human: &mut dyn HumanModel, model: &DiscreteModel, rounds: &Roun
             human.perceive(&mut beliefs, &action, &observations, &told, noise);
             human.act(&beliefs, &mut distribution);
             let taken = usize::from(round.action[t]);
-            let p = |j: usize| f64::from(distribution.log_probability.column(j)[taken]).exp();
+            let log = distribution.log_probability().expect("choices");
+            let p = |j: usize| f64::from(log.column(j)[taken]).exp();
             sum += surprise((0..batch).map(p).sum::<f64>() / batch as f64);
             counted += 1;
             action.fill(0.0);
@@ -62,7 +64,7 @@ pub fn of_model(human: &mut dyn HumanModel, model: &DiscreteModel, rounds: &Roun
 }
 
 /// Mean surprise of a recurrent policy that is told what the person truly perceived.
-pub fn of_policy(policy: &RecurrentChooser, rounds: &Rounds) -> f64 {
+pub fn of_policy(policy: &RecurrentPolicy, rounds: &Rounds) -> f64 {
     let used: Vec<&Round> = rounds.rounds.iter().filter(|r| !r.is_empty()).collect();
     if used.is_empty() {
         return 0.0;
@@ -169,7 +171,7 @@ mod tests {
     use super::*;
     use crate::gridworld::subject::{LEARNING, Lived, Place};
     use domains::discrete::{Discrete, Domain, Setting};
-    use models::discrete::{ChooserSizes, DiscreteHuman, Sizes};
+    use models::{RecurrentSizes, SelfHuman, Sizes};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use std::sync::Arc;
@@ -183,10 +185,16 @@ mod tests {
             let layout = place.world.layout().clone();
             let person = place.person(3).expect("ships");
             let first = LEARNING as u32;
-            let own = of_person(&person, layout.actions, &lived.test, lived.seed, first);
+            let own = of_person(
+                &person,
+                layout.actions.rows(),
+                &lived.test,
+                lived.seed,
+                first,
+            );
             let mut rng = ChaCha8Rng::seed_from_u64(1);
-            let policy = RecurrentChooser::new(ChooserSizes::of(&layout, 2), &layout, &mut rng);
-            let chance = (layout.actions as f64).ln();
+            let policy = RecurrentPolicy::new(RecurrentSizes::of(&layout, 2), &layout, &mut rng);
+            let chance = (layout.actions.rows() as f64).ln();
             let untrained = of_policy(&policy, &lived.test);
             assert!(
                 (untrained - chance).abs() < 0.3,
@@ -204,16 +212,21 @@ mod tests {
         let lived = Lived::record(&mut place, setting, 2, 2).expect("lived");
         let layout = Arc::new(place.world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let model = DiscreteModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);
-        let policy = RecurrentChooser::new(ChooserSizes::of(&layout, 2), &layout, &mut rng);
+        let model = SelfModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);
+        let policy = RecurrentPolicy::new(RecurrentSizes::of(&layout, 2), &layout, &mut rng);
         let told = of_policy(&policy, &lived.test);
         let person = place.person(2).expect("ships");
         let sight = person.sight();
-        let mut human =
-            models::discrete::RecurrentHuman::new("bc", Arc::new(policy), &layout, sight);
+        let mut human = models::RecurrentHuman::new(
+            models::Kind::Bc,
+            Arc::new(policy),
+            &layout,
+            sight.limits.to_vec(),
+            sight.heard,
+        );
         let perceived = of_model(&mut human, &model, &lived.test);
         assert!((told - perceived).abs() < 1e-4, "{told} and {perceived}");
-        let mut own = DiscreteHuman::new(Arc::new(model.clone()), None, 0);
+        let mut own = SelfHuman::new(Arc::new(model.clone()), None, 0);
         assert!(of_model(&mut own, &model, &lived.test).is_finite());
     }
 }

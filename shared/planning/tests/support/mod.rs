@@ -1,9 +1,8 @@
 //! A world whose reward is the last throttle, and people whose reactions are known.
 #![allow(dead_code)] // every test program uses its own part
 
-use models::observation::Shape;
-use models::self_model::Sizes;
-use models::{Communicated, Observations, SelfModel};
+use domains::highway::modalities::layout;
+use models::{Communicated, Observations, SelfModel, Sizes};
 use nn::{Mlp, Parameters, Tensor};
 use planning::planner::{From, GROUPS};
 use planning::{ImaginedPeople, PeopleError};
@@ -86,12 +85,10 @@ pub struct World {
 impl World {
     pub fn new() -> Self {
         let sizes = Sizes {
-            shape: Shape::HIGHWAY,
             latent: 2,
-            hidden: 3,
-            ..Sizes::HIGHWAY
+            ..Sizes::of(&layout()).with_hidden(3)
         };
-        let mut model = SelfModel::new(sizes, &mut ChaCha8Rng::seed_from_u64(0));
+        let mut model = SelfModel::new(sizes, layout(), &mut ChaCha8Rng::seed_from_u64(0));
         let (transition, reward) = (model.transition.clone(), model.reward.clone());
         let p = &mut model.parameters;
         let ids: Vec<_> = p.iter().map(|(id, _, _)| id).collect();

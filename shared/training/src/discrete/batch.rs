@@ -3,8 +3,9 @@
 
 use super::replay::{NO_ACTION, Replay};
 use crate::SHARDS;
-use domains::discrete::Mask;
-use models::discrete::{Batch, DiscreteModel, Perceiver};
+use domains::{Mask, Perception};
+use models::SelfModel;
+use models::self_model::Batch;
 use nn::noise;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -45,7 +46,7 @@ pub struct Shard {
 pub struct Drawing {
     /// Parts of a batch.
     pub shards: Vec<Shard>,
-    perceiver: Perceiver,
+    perception: &'static dyn Perception,
     everything: Mask,
     limits: Vec<f32>,
     chance: Vec<f32>,
@@ -53,8 +54,8 @@ pub struct Drawing {
 
 impl Drawing {
     /// Room for `sequences` sequences of `length` observations.
-    pub fn new(model: &DiscreteModel, sequences: usize, length: usize) -> Self {
-        let perceiver = Perceiver::new(&model.layout);
+    pub fn new(model: &SelfModel, sequences: usize, length: usize) -> Self {
+        let perception = model.layout.perception;
         let shards = (0..SHARDS)
             .map(|s| {
                 let columns = sequences * (s + 1) / SHARDS - sequences * s / SHARDS;
@@ -69,16 +70,16 @@ impl Drawing {
         Self {
             shards,
             everything: model.layout.everything(),
-            limits: vec![0.0; perceiver.limits()],
-            chance: vec![0.0; perceiver.noise_rows()],
-            perceiver,
+            limits: vec![0.0; perception.limits()],
+            chance: vec![0.0; perception.noise_rows()],
+            perception,
         }
     }
 
     /// Fills every shard from the buffer, which must hold a round.
     pub fn draw(
         &mut self,
-        model: &DiscreteModel,
+        model: &SelfModel,
         replay: &Replay,
         dropout: Dropout,
         rng: &mut ChaCha8Rng,
@@ -97,7 +98,7 @@ impl Drawing {
         &mut self,
         s: usize,
         column: usize,
-        model: &DiscreteModel,
+        model: &SelfModel,
         replay: &Replay,
         dropout: Dropout,
         rng: &mut ChaCha8Rng,
@@ -126,7 +127,7 @@ impl Drawing {
         if let Way::Person { share, .. } = way {
             for limit in &mut self.limits {
                 let own = (share * rng.random_range(0.5..1.5)).clamp(0.0, 1.0);
-                *limit = own * self.perceiver.largest();
+                *limit = own * self.perception.largest();
             }
         }
         for t in 0..steps {
@@ -162,7 +163,7 @@ impl Drawing {
                         &self.chance[..]
                     });
                     let seen = Mask {
-                        visual: self.perceiver.seen(&self.limits, visual, chance),
+                        visual: self.perception.seen(&self.limits, visual, chance),
                         verbal: 0,
                     };
                     seen | subset(self.everything, told, rng)
@@ -198,15 +199,15 @@ impl Drawing {
 
 /// Each item with the same probability.
 fn subset(of: Mask, probability: f32, rng: &mut ChaCha8Rng) -> Mask {
-    let mut draw = |bits: u32| {
-        (0..32)
+    let mut draw = |bits: u64| {
+        (0..64)
             .filter(|bit| bits >> bit & 1 == 1)
             .fold(0, |kept, bit| {
-                kept | u32::from(rng.random::<f32>() < probability) << bit
+                kept | u64::from(rng.random::<f32>() < probability) << bit
             })
     };
     Mask {
         visual: draw(of.visual),
-        verbal: draw(of.verbal),
+        verbal: draw(of.verbal.into()) as u32,
     }
 }

@@ -1,10 +1,12 @@
-//! Checkpoints of a gridworld's training run: everything needed to continue exactly (DESIGN §5).
+//! Checkpoints of a gridworld's training run: everything needed to continue exactly.
 
 use super::dqn::Trainer;
 use super::settings::Settings;
+use crate::config::Checked;
 use domains::discrete::{Discrete, World};
-use models::checkpoint::ModelFileError;
-use models::discrete::{metadata, model_from};
+
+use models::SelfModel;
+use models::file::ModelFileError;
 use nn::checkpoint::{CheckpointError, Extra};
 use std::path::Path;
 use std::sync::Arc;
@@ -48,7 +50,7 @@ impl Trainer {
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, path: &Path, command: &str) -> Result<(), CheckpointError> {
-        let mut metadata = metadata(&self.model, command);
+        let mut metadata = self.model.metadata(command);
         metadata.insert(
             SETTINGS.to_owned(),
             serde_json::to_string(&self.settings).unwrap_or_default(),
@@ -78,8 +80,8 @@ impl Trainer {
         let checkpoint = nn::checkpoint::load(path)?;
         let file = checkpoint.file().to_owned();
         let layout = Arc::new(world.layout().clone());
-        let actions = layout.actions;
-        let model = model_from(&checkpoint, layout)?;
+        let actions = layout.actions.rows();
+        let model = SelfModel::from_checkpoint(&checkpoint, layout)?;
         let settings: Settings = serde_json::from_str(checkpoint.metadata_value(SETTINGS)?)
             .map_err(|e| ResumeError::Settings {
                 file: file.clone(),

@@ -2,15 +2,17 @@
 //! the person perceived. Learning stops early by validation rounds, and the number of layers is varied; the best is kept.
 
 use super::rounds::{Round, Rounds};
-use domains::discrete::Layout;
-use models::discrete::{ChooserSizes, RecurrentChooser};
+use crate::config::{self, Checked};
+use domains::Layout;
+use models::{RecurrentPolicy, RecurrentSizes};
 use nn::{Adam, Arena, Gradients, Tape, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Adam's rate.
     pub learning_rate: f32,
@@ -23,19 +25,30 @@ pub struct Settings {
     /// Numbers of dense layers to try.
     pub layers: [usize; 3],
     /// Seed of the first weights.
+    #[serde(default)]
     pub seed: u64,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            learning_rate: 3e-3,
-            iterations: 600,
-            every: 10,
-            patience: 6,
-            layers: [1, 2, 3],
-            seed: 0,
-        }
+        Self::of("driving")
+    }
+}
+
+impl Settings {
+    /// What ships for a domain.
+    pub fn of(domain: &str) -> Self {
+        config::gridworld(domain).cloning
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        (!self.layers.iter().all(|n| (1..=8).contains(n))
+            || self.every == 0
+            || self.learning_rate <= 0.0)
+            .then(|| "layers from 1 to 8; every at least 1; learning_rate positive".to_owned())
     }
 }
 
@@ -43,7 +56,7 @@ impl Default for Settings {
 #[derive(Clone, Debug)]
 pub struct Cloned {
     /// The policy, as it was when it did best on the validation rounds.
-    pub policy: RecurrentChooser,
+    pub policy: RecurrentPolicy,
     /// Its mean negative log-likelihood there.
     pub validation: f32,
     /// The best of each number of layers that was tried.
@@ -68,7 +81,7 @@ pub struct Perceived {
 
 impl Perceived {
     /// Lays rounds side by side.
-    pub fn new(policy: &RecurrentChooser, rounds: &[&Round]) -> Self {
+    pub fn new(policy: &RecurrentPolicy, rounds: &[&Round]) -> Self {
         let shape = policy.sizes.model.shape;
         let steps = rounds.iter().map(|r| r.len()).max().unwrap_or(0);
         let columns = rounds.len();
@@ -108,7 +121,7 @@ impl Perceived {
     /// Mean negative log-likelihood of the person's actions; adds its gradients where some are given.
     pub fn nll(
         &self,
-        policy: &RecurrentChooser,
+        policy: &RecurrentPolicy,
         arena: &mut Arena,
         gradients: Option<&mut Gradients>,
     ) -> f32 {
@@ -129,15 +142,21 @@ impl Perceived {
     }
 }
 
-/// Learns a policy from `rounds` and stops by `validation`; without validation rounds, every fifth of `rounds` is one.
-pub fn learn(layout: &Layout, rounds: &Rounds, validation: &Rounds, settings: &Settings) -> Cloned {
+/// Learns a policy of `sizes`, but for its layers, from `rounds` and stops by `validation`; without validation rounds, every
+/// fifth of `rounds` is one.
+pub fn learn(
+    layout: &Layout,
+    sizes: RecurrentSizes,
+    rounds: &Rounds,
+    validation: &Rounds,
+    settings: &Settings,
+) -> Cloned {
     let (train, held) = split(rounds, validation);
     let mut best: Option<Cloned> = None;
     let mut tried = Vec::new();
     for layers in settings.layers {
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        let sizes = ChooserSizes::of(layout, layers);
-        let policy = RecurrentChooser::new(sizes, layout, &mut rng);
+        let policy = RecurrentPolicy::new(sizes.with_layers(layers), layout, &mut rng);
         let cloned = one(policy, &train, &held, settings);
         tried.push((layers, cloned.validation));
         if best
@@ -169,7 +188,7 @@ pub(super) fn split<'a>(
 }
 
 fn one(
-    mut policy: RecurrentChooser,
+    mut policy: RecurrentPolicy,
     train: &[&Round],
     held: &[&Round],
     settings: &Settings,

@@ -38,7 +38,7 @@ use super::replay::Replay;
 use super::rollout::{Actor, Rollout};
 use super::settings::Settings;
 use domains::discrete::{Discrete, World};
-use models::discrete::{DiscreteModel, Sizes};
+use models::{SelfModel, Sizes};
 use nn::{Adam, ParamId, Parameters};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -77,13 +77,13 @@ pub struct Metrics {
 /// A training run that can be stopped after any phase.
 pub struct Trainer {
     /// The model being trained.
-    pub model: DiscreteModel,
+    pub model: SelfModel,
     /// Settings.
     pub settings: Settings,
     /// Phases done.
     pub phase: u32,
     /// ψ', with everything else beside it, unused.
-    pub(super) target: DiscreteModel,
+    pub(super) target: SelfModel,
     pub(super) adam: Adam,
     pub(super) replay: Replay,
     rollout: Rollout,
@@ -96,14 +96,20 @@ pub struct Trainer {
 impl Trainer {
     /// A run from nothing in a world of the original setting.
     pub fn new(world: World, settings: Settings) -> Self {
+        let sizes = Sizes::of(world.layout());
+        Self::with_sizes(world, settings, sizes)
+    }
+
+    /// As [`Self::new`], with networks of these sizes.
+    pub fn with_sizes(world: World, settings: Settings, sizes: Sizes) -> Self {
         let layout = Arc::new(world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        let model = DiscreteModel::new(Sizes::of(&layout), layout, &mut rng);
+        let model = SelfModel::new(sizes, layout, &mut rng);
         Self::with_model(world, model, settings)
     }
 
     /// A run that starts from `model`.
-    pub fn with_model(world: World, model: DiscreteModel, settings: Settings) -> Self {
+    pub fn with_model(world: World, model: SelfModel, settings: Settings) -> Self {
         let drawing = Drawing::new(&model, settings.sequences, settings.length);
         let workers = drawing
             .shards

@@ -16,19 +16,21 @@
 
 use super::rounds::Rounds;
 use crate::SHARDS;
-use models::discrete::{
-    Attached, DiscreteModel, Implants, Perceiver, policy_on_tape, seen_on_tape,
-};
+use crate::config::{self, Checked};
+use domains::Perception;
+use models::implants::{ActionOnTape, Attached, policy_on_tape, seen_on_tape};
+use models::{Implants, SelfModel};
 use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use thiserror::Error;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Adam's rate at the start; it falls to nothing, so that the noise of sampling z averages out.
     pub learning_rate: f32,
@@ -36,7 +38,7 @@ pub struct Settings {
     pub iterations: usize,
     /// Precision of the normal prior on the residual's weights.
     pub residual_precision: f32,
-    /// Learning starts with each group of limits ([`Perceiver::group`]) at each of these shares of the largest, and the most
+    /// Learning starts with each group of limits ([`Perception::group`]) at each of these shares of the largest, and the most
     /// probable outcome is kept: a limit that nothing ever crosses feels no slope.
     pub starts: [f32; 3],
     /// Rounds are followed as often as makes at least so many columns, with different noise.
@@ -44,27 +46,44 @@ pub struct Settings {
     /// K: people who share a round where perception is a matter of chance.
     pub sharing: usize,
     /// Seed of the residual's first weights and of the noise.
+    #[serde(default)]
     pub seed: u64,
 }
 
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            learning_rate: 0.08,
-            iterations: 100,
-            residual_precision: 1.0,
-            starts: [0.1, 0.4, 0.9],
-            least_columns: 16,
-            sharing: 8,
-            seed: 0,
-        }
+        Self::of("driving")
+    }
+}
+
+impl Settings {
+    /// What ships for a domain.
+    pub fn of(domain: &str) -> Self {
+        config::gridworld(domain).implants
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        let (iterations, sharing) = (self.iterations, self.sharing);
+        (!(1..=100_000).contains(&iterations)
+            || !(1..=1024).contains(&sharing)
+            || !(1..=10_000).contains(&self.least_columns)
+            || self.learning_rate <= 0.0
+            || self.residual_precision < 0.0
+            || self.starts.iter().any(|share| !(0.0..=1.0).contains(share)))
+        .then(|| {
+            "iterations, sharing and least_columns at least 1; learning_rate positive; starts in [0, 1]"
+                .to_owned()
+        })
     }
 }
 
 impl Settings {
     /// Iterations over all starts: what [`learn`]'s progress counts to.
-    pub fn all_iterations(&self, model: &DiscreteModel) -> usize {
-        let groups = Perceiver::new(&model.layout).groups();
+    pub fn all_iterations(&self, model: &SelfModel) -> usize {
+        let groups = model.layout.perception.groups();
         self.iterations * self.starts.len().pow(groups as u32)
     }
 }
@@ -117,14 +136,14 @@ pub struct Followed {
 }
 
 /// Lays rounds side by side, in shards of equal work.
-pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Vec<Followed> {
+pub fn follow(model: &SelfModel, rounds: &Rounds, settings: &Settings) -> Vec<Followed> {
     let used: Vec<_> = rounds.rounds.iter().filter(|r| !r.is_empty()).collect();
     if used.is_empty() {
         return Vec::new();
     }
     let shape = model.sizes.shape;
-    let perceiver = Perceiver::new(&model.layout);
-    let by_chance = perceiver.noise_rows() > 0;
+    let perception = model.layout.perception;
+    let by_chance = perception.noise_rows() > 0;
     let sharing = if by_chance {
         settings.sharing.max(1)
     } else {
@@ -149,7 +168,7 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
                 taken: vec![0; all],
                 weight: Tensor::new(1, all),
                 noise: Tensor::new(model.sizes.latent, all),
-                chance: Tensor::new(perceiver.noise_rows(), all),
+                chance: Tensor::new(perception.noise_rows(), all),
                 heard: rounds.heard,
                 steps_lived: rounds.steps() as f32,
             };
@@ -180,7 +199,7 @@ pub fn follow(model: &DiscreteModel, rounds: &Rounds, settings: &Settings) -> Ve
 /// # Errors
 /// If the rounds are empty.
 pub fn learn(
-    model: &DiscreteModel,
+    model: &SelfModel,
     with_policy: bool,
     rounds: &Rounds,
     settings: &Settings,
@@ -190,7 +209,7 @@ pub fn learn(
     if shards.is_empty() {
         return Err(NothingToLearn);
     }
-    let starts = starts(&Perceiver::new(&model.layout), &settings.starts);
+    let starts = starts(model.layout.perception, &settings.starts);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let next = AtomicUsize::new(0);
     let (sender, receiver) = mpsc::channel();
@@ -236,24 +255,24 @@ pub fn learn(
 }
 
 /// Where learning starts: every combination of shares over the groups of limits, each as limits.
-fn starts(perceiver: &Perceiver, shares: &[f32]) -> Vec<Vec<f32>> {
-    let groups = perceiver.groups();
+fn starts(perception: &dyn Perception, shares: &[f32]) -> Vec<Vec<f32>> {
+    let groups = perception.groups();
     let combinations = shares.len().pow(groups as u32);
     (0..combinations)
         .map(|combination| {
             let share = |limit: usize| {
-                let place = shares.len().pow(perceiver.group(limit) as u32);
+                let place = shares.len().pow(perception.group(limit) as u32);
                 shares[combination / place % shares.len()]
             };
-            let limits = 0..perceiver.limits();
-            limits.map(|k| share(k) * perceiver.largest()).collect()
+            let limits = 0..perception.limits();
+            limits.map(|k| share(k) * perception.largest()).collect()
         })
         .collect()
 }
 
 /// Learns from one start.
 fn learn_from(
-    model: &DiscreteModel,
+    model: &SelfModel,
     with_policy: bool,
     start: &[f32],
     shards: &[Followed],
@@ -314,13 +333,13 @@ const COMPARED: usize = 8;
 /// Equation 5's loss over one shard, averaged over the steps that count: −log posterior a step.
 pub fn negative_log_posterior(
     tape: &mut Tape,
-    model: &DiscreteModel,
+    model: &SelfModel,
     attached: &Attached,
     shard: &Followed,
     settings: &Settings,
 ) -> Var {
     let mut loss = negative_log_likelihood(tape, model, attached, shard);
-    for &id in attached.residual_ids() {
+    for &id in attached.policy_ids() {
         let weights = tape.param(id);
         let squared = tape.square(weights);
         let squared = tape.sum(squared);
@@ -334,12 +353,12 @@ pub fn negative_log_posterior(
 /// −log likelihood of what the person did, averaged over the steps that count.
 pub fn negative_log_likelihood(
     tape: &mut Tape,
-    model: &DiscreteModel,
+    model: &SelfModel,
     attached: &Attached,
     shard: &Followed,
 ) -> Var {
-    let perceiver = Perceiver::new(&model.layout);
-    let seen = seen_on_tape(tape, attached, &perceiver, &shard.visual, &shard.chance);
+    let perception = model.layout.perception;
+    let seen = seen_on_tape(tape, attached, perception, &shard.visual, &shard.chance);
     let observed = model
         .view
         .on_tape(tape, &shard.visual, &shard.verbal, seen, shard.heard);
@@ -359,7 +378,9 @@ pub fn negative_log_likelihood(
         samples.push(tape.gaussian_sample(mean, deviation, noise));
     }
     let z = tape.join(&samples);
-    let logits = policy_on_tape(tape, model, attached, z);
+    let ActionOnTape::Categorical(logits) = policy_on_tape(tape, model, attached, z) else {
+        unreachable!("a gridworld's actions are choices");
+    };
     let nll = tape.categorical_nll(logits, &shard.taken);
     let counted = shard.weight.data().iter().sum::<f32>().max(1.0);
     let mut weight = shard.weight.clone();
@@ -398,7 +419,7 @@ fn share(shard: &Followed, nll: &[f32], weight: &mut [f32]) -> f32 {
 }
 
 /// Names of the self-model's parameters that differ in `parameters` by a single bit.
-fn moved(model: &DiscreteModel, parameters: &Parameters) -> Vec<String> {
+fn moved(model: &SelfModel, parameters: &Parameters) -> Vec<String> {
     model
         .parameters
         .iter()

@@ -3,8 +3,8 @@
 use super::batch::Shard;
 use super::replay::NO_ACTION;
 use super::settings::Settings;
-use models::discrete::{DiscreteModel, DiscreteScratch};
 use models::policy::largest;
+use models::{Scratch, SelfModel};
 use nn::{Arena, Gradients, Parameters, Tape, Tensor, Var};
 
 /// A shard's losses.
@@ -59,8 +59,8 @@ impl Worker {
     /// Gradients of all losses on one shard; the ELBO's divergence has weight `divergence`.
     pub fn step(
         &mut self,
-        model: &DiscreteModel,
-        target: &DiscreteModel,
+        model: &SelfModel,
+        target: &SelfModel,
         shard: &Shard,
         settings: &Settings,
         divergence: f32,
@@ -78,7 +78,7 @@ impl Worker {
             false => tape.stop(terms.z),
         };
         let before = tape.columns(z, 0..transitions);
-        let values = tape.mlp(&model.q, before);
+        let values = tape.mlp(model.policy.q().0, before);
         let chosen = tape.select_log_prob(values, &returns.taken);
         let goal = tape.input(&returns.goal);
         let error = tape.sub(chosen, goal);
@@ -127,7 +127,7 @@ struct Returns {
     taken: Vec<u32>,
     /// 1 where an action was taken.
     counts: Tensor,
-    scratch: DiscreteScratch,
+    scratch: Scratch,
     after: Tensor,
     future: Tensor,
     choices: Tensor,
@@ -137,8 +137,8 @@ impl Returns {
     /// From the last step to the first. `z`: `latent × all`.
     fn follow(
         &mut self,
-        model: &DiscreteModel,
-        target: &DiscreteModel,
+        model: &SelfModel,
+        target: &SelfModel,
         z: &[f32],
         shard: &Shard,
         settings: &Settings,
@@ -223,7 +223,7 @@ fn known(action: u8) -> (u32, f32) {
 mod tests {
     use super::*;
     use domains::discrete::{Discrete, Domain, Scene, Setting, World};
-    use models::discrete::Sizes;
+    use models::Sizes;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use std::sync::Arc;
@@ -237,9 +237,9 @@ mod tests {
         let world = World::new(&scene, &words).unwrap();
         let layout = Arc::new(world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let model = DiscreteModel::new(Sizes::of(&layout), layout, &mut rng);
+        let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
         let mut shard = Shard {
-            batch: models::discrete::Batch::new(&model, 2, 3),
+            batch: models::self_model::Batch::new(&model, 2, 3),
             taken: vec![NO_ACTION; 6],
             expert: vec![2, 1, NO_ACTION, 0, 0, 0],
             terminal: vec![0.0; 6],

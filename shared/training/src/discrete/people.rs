@@ -4,12 +4,13 @@ use super::cloning;
 use super::implants;
 use super::rounds::Rounds;
 use super::sqil;
-use domains::discrete::{Scene, Setting, Sight, WordsError, World};
-use models::discrete::human_file::save_policy;
-use models::discrete::{DiscreteHuman, DiscreteModel, Implants, Perceiver};
-use models::discrete::{RecurrentChooser, RecurrentHuman};
+use crate::config::{self, GridworldConfig};
+use domains::Layout;
+use domains::discrete::{Domain, Scene, Setting, WordsError, World};
 use models::words::{TableError, shipped};
-use models::{HumanModel, Kind};
+use models::{
+    HumanModel, Implants, Kind, PersonalPolicy, RecurrentSizes, SelfHuman, SelfModel, SizesError,
+};
 use nn::checkpoint::CheckpointError;
 use std::path::Path;
 use std::sync::Arc;
@@ -24,12 +25,26 @@ pub struct Lessons<'a> {
     pub original: Option<&'a Rounds>,
     /// Rounds that say when BC and SQIL have learned enough; without them, every fifth of the others does.
     pub validation: Option<&'a Rounds>,
-    /// Most phases of soft-Q imitation; as many as it takes by default.
+    /// Most phases of soft-Q imitation; as many as the configuration says by default.
     pub sqil_phases: Option<usize>,
+    /// Settings other than what ships.
+    pub config: Option<&'a GridworldConfig>,
+}
+
+impl Lessons<'_> {
+    fn config(&self, layout: &Layout) -> GridworldConfig {
+        self.config
+            .cloned()
+            .unwrap_or_else(|| config::gridworld(layout.domain))
+    }
 }
 
 /// What was learned.
 #[derive(Clone, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, and it is moved once"
+)]
 pub enum Learned {
     /// The self-model stays as it is.
     Nothing {
@@ -49,10 +64,8 @@ pub enum Learned {
     Policy {
         /// Which.
         kind: Kind,
-        /// The networks.
-        policy: Arc<RecurrentChooser>,
-        /// What the person perceives.
-        sight: Sight,
+        /// The networks, and what the person perceives.
+        person: PersonalPolicy,
         /// How learning went, in words.
         about: String,
     },
@@ -81,6 +94,12 @@ pub enum LearnError {
         /// Of which kind.
         kind: Kind,
     },
+    /// SQIL acts in a world, and the domain has none here.
+    #[error("domain `{0}` has no world of its own for soft-Q imitation to act in")]
+    NoWorld(&'static str),
+    /// The configuration has sizes that make no sense.
+    #[error("[network] or [policy]: {0}")]
+    Sizes(#[from] SizesError),
     /// The world that SQIL acts in cannot be made.
     #[error(transparent)]
     Table(#[from] TableError),
@@ -95,7 +114,7 @@ pub enum LearnError {
 /// [`LearnError`].
 pub fn learn(
     kind: Kind,
-    model: &DiscreteModel,
+    model: &SelfModel,
     lessons: &Lessons,
     seed: u64,
     progress: &mut dyn FnMut(u64, u64, &str),
@@ -108,7 +127,7 @@ pub fn learn(
         Kind::Mirror | Kind::MirrorP => {
             let settings = implants::Settings {
                 seed,
-                ..implants::Settings::default()
+                ..lessons.config(&model.layout).implants
             };
             let most = settings.all_iterations(model) as u64;
             let with_policy = kind == Kind::Mirror;
@@ -128,22 +147,22 @@ pub fn learn(
 
 fn policy(
     kind: Kind,
-    model: &DiscreteModel,
+    model: &SelfModel,
     lessons: &Lessons,
     seed: u64,
     progress: &mut dyn FnMut(u64, u64, &str),
 ) -> Result<Learned, LearnError> {
     let layout = &model.layout;
     let rounds = lessons.rounds;
-    let perceiver = Perceiver::new(layout);
+    // What limits the person's sight there, and what they hear.
     let sight_of = |rounds: &Rounds| {
-        let limits = rounds.limits.as_deref();
+        let limits = rounds.limits.clone();
         limits
-            .and_then(|limits| perceiver.sight(limits, rounds.heard))
+            .map(|limits| (limits, rounds.heard))
             .ok_or(LearnError::Unseen(kind))
     };
     let sight = sight_of(rounds)?;
-    let mut places = vec![(world_of(rounds)?, sight)];
+    let mut places = vec![(world_of(rounds)?, sight.clone())];
     let mut all = rounds.clone();
     if let Some(original) = lessons.original {
         // One round of each in turn, so that every part of them holds both.
@@ -165,12 +184,24 @@ fn policy(
     if validation.steps() == 0 && found < 5 {
         return Err(LearnError::TooFew { found, kind });
     }
+    let config = lessons.config(layout);
+    let network = config.policy;
+    let network = network.unwrap_or_else(|| models::config::policy(layout.domain));
+    let sizes = RecurrentSizes {
+        model: config.network.sizes(layout)?,
+        hidden: network.hidden,
+        dense: network.dense,
+        layers: 1,
+    };
+    if let Some(problem) = sizes.problem(layout) {
+        return Err(SizesError(problem).into());
+    }
     let (policy, about) = if kind == Kind::Bc {
         let settings = cloning::Settings {
             seed,
-            ..cloning::Settings::default()
+            ..config.cloning
         };
-        let cloned = cloning::learn(layout, &all, validation, &settings);
+        let cloned = cloning::learn(layout, sizes, &all, validation, &settings);
         let tried: Vec<String> = cloned
             .tried
             .iter()
@@ -183,16 +214,23 @@ fn policy(
         );
         (cloned.policy, about)
     } else {
-        let default = sqil::Settings::default();
+        let default = config.sqil;
         let settings = sqil::Settings {
             seed,
             phases: lessons.sqil_phases.unwrap_or(default.phases),
             ..default
         };
         let most = settings.phases as u64;
-        let imitated = sqil::learn(places, &all, validation, &settings, &mut |phase, nll| {
-            progress(phase as u64, most, &format!("validation {nll:.4}"));
-        });
+        let imitated = sqil::learn(
+            places,
+            sizes,
+            &all,
+            validation,
+            &settings,
+            &mut |phase, nll| {
+                progress(phase as u64, most, &format!("validation {nll:.4}"));
+            },
+        );
         (
             imitated.policy,
             format!("validation {:.4}", imitated.validation),
@@ -200,44 +238,38 @@ fn policy(
     };
     Ok(Learned::Policy {
         kind,
-        policy: Arc::new(policy),
-        sight,
+        person: PersonalPolicy {
+            policy,
+            limits: sight.0,
+            heard: sight.1,
+        },
         about,
     })
 }
 
 /// The default world of the setting that rounds were played in.
 fn world_of(rounds: &Rounds) -> Result<World, LearnError> {
-    let words = shipped(rounds.domain)?;
-    let scene = Scene::of(rounds.domain, rounds.setting);
+    let domain = Domain::from_name(rounds.domain).ok_or(LearnError::NoWorld(rounds.domain))?;
+    let words = shipped(domain)?;
+    let scene = Scene::of(domain, rounds.setting);
     Ok(World::new(&scene, &words)?)
 }
 
 impl Learned {
     /// The human model, on the self-model that it was learned with.
-    pub fn human(&self, model: &Arc<DiscreteModel>) -> Box<dyn HumanModel> {
+    pub fn human(&self, model: &Arc<SelfModel>) -> Box<dyn HumanModel> {
         match self {
-            Self::Nothing { heard } => {
-                Box::new(DiscreteHuman::new(Arc::clone(model), None, *heard))
-            }
+            Self::Nothing { heard } => Box::new(SelfHuman::new(Arc::clone(model), None, *heard)),
             Self::Implants {
                 implants, heard, ..
-            } => Box::new(DiscreteHuman::new(
+            } => Box::new(SelfHuman::new(
                 Arc::clone(model),
                 Some(implants.clone()),
                 *heard,
             )),
-            Self::Policy {
-                kind,
-                policy,
-                sight,
-                ..
-            } => Box::new(RecurrentHuman::new(
-                kind.name(),
-                Arc::clone(policy),
-                &model.layout,
-                sight,
-            )),
+            Self::Policy { kind, person, .. } => {
+                Box::new(person.clone().human(*kind, &model.layout))
+            }
         }
     }
 
@@ -256,7 +288,7 @@ impl Learned {
     pub fn save(
         &self,
         path: &Path,
-        model: &DiscreteModel,
+        model: &SelfModel,
         command: &str,
     ) -> Result<(), CheckpointError> {
         match self {
@@ -266,12 +298,11 @@ impl Learned {
             } => implants.save(path, model, *heard, command),
             Self::Policy {
                 kind,
-                policy,
-                sight,
+                person,
                 about,
             } => {
                 let notes = [("mirror.learning", about.clone())];
-                save_policy(path, *kind, policy, sight, command, &notes)
+                person.save(path, *kind, &model.layout, command, &notes)
             }
         }
     }

@@ -1,9 +1,10 @@
 //! Rounds in a gridworld for learning and for measuring what was learned.
 
 use super::replay::{Episode, NO_ACTION};
-use domains::discrete::{Discrete, Domain, End, Mask, World};
-use models::discrete::{DiscreteFilter, DiscreteModel, DiscreteScratch, Perceiver};
+use domains::discrete::{Discrete, End, World};
+use domains::{Mask, Perception};
 use models::policy::largest;
+use models::{Filter, Scratch, SelfModel};
 use nn::{Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -39,31 +40,31 @@ pub struct Lived {
 /// A world with everything that an actor needs, reused over rounds.
 pub struct Rollout {
     world: World,
-    filter: DiscreteFilter,
-    perceiver: Perceiver,
+    filter: Filter,
+    perception: &'static dyn Perception,
     limits: Vec<f32>,
     chance: Vec<f32>,
     observed: Tensor,
     action: Tensor,
     q: Tensor,
-    scratch: DiscreteScratch,
+    scratch: Scratch,
     episode: Episode,
 }
 
 impl Rollout {
     /// A rollout in `world`.
-    pub fn new(world: World, model: &DiscreteModel) -> Self {
-        let perceiver = Perceiver::new(&model.layout);
+    pub fn new(world: World, model: &SelfModel) -> Self {
+        let perception = model.layout.perception;
         Self {
             world,
-            filter: DiscreteFilter::new(model.sizes.latent, 1),
-            limits: vec![0.0; perceiver.limits()],
-            chance: vec![0.0; perceiver.noise_rows()],
-            perceiver,
+            filter: Filter::new(model.sizes.latent, 1),
+            limits: vec![0.0; perception.limits()],
+            chance: vec![0.0; perception.noise_rows()],
+            perception,
             observed: Tensor::new(model.view.rows(), 1),
             action: Tensor::new(model.sizes.shape.action, 1),
             q: Tensor::default(),
-            scratch: DiscreteScratch::default(),
+            scratch: Scratch::default(),
             episode: Episode::default(),
         }
     }
@@ -71,7 +72,7 @@ impl Rollout {
     /// Lives round `episode` of `seed` and gives it back. Scenarios take turns.
     pub fn episode(
         &mut self,
-        model: &DiscreteModel,
+        model: &SelfModel,
         actor: Actor,
         seed: u64,
         episode: u32,
@@ -85,7 +86,7 @@ impl Rollout {
         self.filter.reset();
         self.episode.clear();
         let share: f32 = rng.random_range(0.0..1.0);
-        self.limits.fill(share * self.perceiver.largest());
+        self.limits.fill(share * self.perception.largest());
         let mut lived = Lived::default();
         let (mut taken, mut reward) = (NO_ACTION, 0.0);
         loop {
@@ -108,7 +109,7 @@ impl Rollout {
             self.episode.expert.push(expert as u8);
             let choice = match actor {
                 Actor::Expert { slips } if slips > 0.0 && rng.random::<f32>() < slips => {
-                    rng.random_range(0..layout.actions)
+                    rng.random_range(0..layout.actions.rows())
                 }
                 Actor::Expert { .. } => expert,
                 Actor::Greedy { explore, limited } => {
@@ -116,7 +117,7 @@ impl Rollout {
                         noise::fill(&mut self.chance, rng.random(), 0);
                         let chance = (!self.chance.is_empty()).then_some(&self.chance[..]);
                         Mask {
-                            visual: self.perceiver.seen(&self.limits, visual, chance),
+                            visual: self.perception.seen(&self.limits, visual, chance),
                             verbal: 0,
                         }
                     } else {
@@ -128,7 +129,7 @@ impl Rollout {
                     self.filter.update(model, &self.action, &self.observed);
                     model.q_values(&mut self.scratch, &self.filter.mean, &mut self.q);
                     if rng.random::<f32>() < explore {
-                        rng.random_range(0..layout.actions)
+                        rng.random_range(0..layout.actions.rows())
                     } else {
                         largest(self.q.column(0))
                     }
@@ -150,11 +151,11 @@ impl Rollout {
 /// Whether a state has no future. A searcher's time cannot be seen coming and merely stops the round; a bomb's clock is part of
 /// what is seen. The end of the road comes unseen too, but after so few steps that values without it, which nothing would
 /// hold down, grow beyond what can be earned.
-fn is_terminal(domain: Domain, end: End) -> bool {
+fn is_terminal(domain: &str, end: End) -> bool {
     match end {
         End::Running => false,
         End::Collision => true,
         End::Success => true,
-        End::OutOfTime => domain == Domain::BombDefusal,
+        End::OutOfTime => domain == domains::bomb_defusal::NAME,
     }
 }

@@ -1,8 +1,9 @@
 //! Rounds that a person played in a gridworld without an assistant: what could be sensed, what the person truly perceived of
 //! it (for the models that are told: BC and SQIL), and what they did.
 
-use domains::discrete::{Discrete, Domain, Layout, Mask, Mind, Setting, World};
-use models::discrete::{HEARD, Perceiver, limits_of};
+use domains::discrete::{Discrete, Mind, Setting, World};
+use domains::{Layout, Mask};
+use models::file::HEARD;
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,14 +47,14 @@ impl Round {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rounds {
     /// Where.
-    pub domain: Domain,
+    pub domain: &'static str,
     /// Which setting it was in.
     pub setting: Setting,
     /// Numbers of each observation's modalities.
     pub sizes: [usize; 2],
     /// Utterances that the person hears without an assistant, a bit each.
     pub heard: u32,
-    /// What limits the person's sight ([`models::discrete::limits_of`]), where it is known: for the models that are told.
+    /// What limits the person's sight , where it is known: for the models that are told.
     pub limits: Option<Vec<f32>>,
     /// Rounds.
     pub rounds: Vec<Round>,
@@ -101,7 +102,7 @@ impl Rounds {
     ) -> Self {
         let layout = world.layout().clone();
         let mut all = Self::new(&layout, world.setting(), person.sight().heard);
-        all.limits = Some(limits_of(&person.sight().perception));
+        all.limits = Some(person.sight().limits.to_vec());
         let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
         for episode in first..first + rounds {
             world.reset(seed, episode, episode);
@@ -156,18 +157,12 @@ impl Rounds {
             .rounds
             .iter()
             .flat_map(|r| &r.perceived)
-            .map(|mask| u64::from(mask.visual) | u64::from(mask.verbal) << 32)
+            .map(|mask| mask.visual | u64::from(mask.verbal) << 32)
             .collect();
         let metadata = BTreeMap::from([
-            (
-                models::checkpoint::HOLDS.to_owned(),
-                DEMONSTRATIONS.to_owned(),
-            ),
-            (models::checkpoint::COMMAND.to_owned(), self.source.clone()),
-            (
-                models::discrete::DOMAIN.to_owned(),
-                self.domain.name().to_owned(),
-            ),
+            (models::file::HOLDS.to_owned(), DEMONSTRATIONS.to_owned()),
+            (models::file::COMMAND.to_owned(), self.source.clone()),
+            (models::file::DOMAIN.to_owned(), self.domain.to_owned()),
             (SETTING.to_owned(), self.setting.name().to_owned()),
             (HEARD.to_owned(), self.heard.to_string()),
             ("mirror.rounds".to_owned(), self.rounds.len().to_string()),
@@ -199,13 +194,13 @@ impl Rounds {
             file: file.file().to_owned(),
             reason,
         };
-        let holds = file.metadata_value(models::checkpoint::HOLDS)?;
+        let holds = file.metadata_value(models::file::HOLDS)?;
         if holds != DEMONSTRATIONS {
             return Err(bad(format!("holds {holds}, expected {DEMONSTRATIONS}")));
         }
-        let domain = file.metadata_value(models::discrete::DOMAIN)?;
-        if domain != layout.domain.name() {
-            let expected = layout.domain.name();
+        let domain = file.metadata_value(models::file::DOMAIN)?;
+        if domain != layout.domain {
+            let expected = layout.domain;
             return Err(bad(format!("rounds of {domain}, expected {expected}")));
         }
         let setting = file.metadata_value(SETTING)?;
@@ -257,9 +252,9 @@ impl Rounds {
         let reward = numbers("reward", 1)?;
         if let Some(step) = action
             .iter()
-            .position(|a| usize::from(*a) >= layout.actions)
+            .position(|a| usize::from(*a) >= layout.actions.rows())
         {
-            let (found, actions) = (action[step], layout.actions);
+            let (found, actions) = (action[step], layout.actions.rows());
             return Err(bad(format!(
                 "action {found} at step {step}, there are {actions}"
             )));
@@ -269,7 +264,7 @@ impl Rounds {
             true => Some(file.f32s(LIMITS)?),
         };
         if let Some(limits) = &limits {
-            let expected = Perceiver::new(layout).limits();
+            let expected = layout.perception.limits();
             if limits.len() != expected || limits.iter().any(|limit| limit.is_nan() || *limit < 0.0)
             {
                 let reason = format!(
@@ -292,7 +287,7 @@ impl Rounds {
                     perceived: perceived[range.clone()]
                         .iter()
                         .map(|bits| Mask {
-                            visual: *bits as u32,
+                            visual: *bits & u64::from(u32::MAX),
                             verbal: (bits >> 32) as u32,
                         })
                         .collect(),
@@ -310,7 +305,7 @@ impl Rounds {
             rounds,
             source: file
                 .metadata()
-                .get(models::checkpoint::COMMAND)
+                .get(models::file::COMMAND)
                 .cloned()
                 .unwrap_or_default(),
         })

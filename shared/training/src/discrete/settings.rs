@@ -1,13 +1,14 @@
 //! Settings of a gridworld's training run: the paper's schedules, and what we chose beside them.
 
-use domains::discrete::Domain;
+use crate::config::{self, Checked};
 use serde::{Deserialize, Serialize};
 
 /// Settings of a training run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Seed of everything.
+    /// Seed of everything: no configuration has it.
+    #[serde(default)]
     pub seed: u64,
     /// Phases.
     pub phases: u32,
@@ -57,62 +58,9 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The paper's schedules for a domain, with lengths of training that keep DESIGN §9's budgets.
-    pub fn of(domain: Domain) -> Self {
-        let driving = Self {
-            seed: 0,
-            phases: 60,
-            rounds: 16,
-            gradient_steps: 300,
-            sequences: 32,
-            length: 16,
-            learning_rate: 3e-4,
-            gradient_clip: 100.0,
-            replay: 100_000,
-            expert: 0.5,
-            expert_decay: 0.8,
-            explore: 0.5,
-            explore_decay: 0.75,
-            slips: 0.0,
-            keep: 0.35,
-            discount: 0.95,
-            target_rate: 0.01,
-            trace: 0.8,
-            margin: 0.8,
-            joint: false,
-            imitation: 1.0,
-            warming: 0.0,
-            cooling: 0.3,
-        };
-        match domain {
-            Domain::Driving => driving,
-            // Short phases: what an expert never does is valued by extrapolation until the policy has tried it, so that the policy
-            // has to act often. The paper names no learning rate here; at driving's, images are read after three times as many
-            // steps. The world model needs more of them than the policy: after 150 phases of 60, the reward imagined four steps
-            // ahead was off by 1.2, after these by 0.1.
-            Domain::SearchRescue => Self {
-                phases: 200,
-                rounds: 9,
-                gradient_steps: 100,
-                learning_rate: 1e-3,
-                expert: 1.0,
-                expert_decay: 0.98,
-                explore_decay: 0.9,
-                joint: true,
-                warming: 0.2,
-                ..driving
-            },
-            // Rounds are short: three presses of an expert. More of them, and more sequences of half the length. And more phases:
-            // the reward of a right press, imagined a step ahead, was off by 1.6 of 4 after 200, by 0.04 after these.
-            Domain::BombDefusal => Self {
-                phases: 450,
-                rounds: 24,
-                slips: 0.4,
-                sequences: 64,
-                length: 8,
-                ..Self::of(Domain::SearchRescue)
-            },
-        }
+    /// What ships for a domain ([`crate::config`]).
+    pub fn of(domain: &str) -> Self {
+        config::gridworld(domain).self_model
     }
 
     /// The weight of the divergence in a phase.
@@ -127,9 +75,10 @@ impl Settings {
         let cooling = (self.cooling * self.phases as f32).max(1.0);
         self.learning_rate * (left / cooling).min(1.0)
     }
+}
 
-    /// A reason why these settings make no sense, if there is one.
-    pub fn problem(&self) -> Option<String> {
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
         if !(2..=256).contains(&self.length) {
             return Some(format!("length must be from 2 to 256, not {}", self.length));
         }

@@ -10,17 +10,19 @@
 
 use super::cloning::{Perceived, split};
 use super::rounds::{Round, Rounds};
-use domains::discrete::{Discrete, Sight, World};
-use models::discrete::{ChooserSizes, RecurrentChooser, RecurrentHuman};
-use models::{Beliefs, HumanModel, Observations};
+use crate::config::{self, Checked};
+use domains::discrete::{Discrete, World};
+use models::{ActionDistribution, Beliefs, HumanModel, Kind, Observations};
+use models::{RecurrentHuman, RecurrentPolicy, RecurrentSizes};
 use nn::{Adam, Arena, Gradients, Tape, Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Adam's rate.
     pub learning_rate: f32,
@@ -45,27 +47,38 @@ pub struct Settings {
     /// Dense layers: the paper's 3.
     pub layers: usize,
     /// Seed of weights and rounds.
+    #[serde(default)]
     pub seed: u64,
 }
 
 /// Chosen by the likelihood of one person's validation rounds in each domain (person 2, rounds that no study uses): with a reward of 1,
 /// a discount of 0.9 and a third of the gradient steps, what was learned in search and rescue knew no more than chance.
 impl Default for Settings {
+    /// What ships ([`crate::config`]).
     fn default() -> Self {
-        Self {
-            learning_rate: 3e-3,
-            phases: 60,
-            rounds: 4,
-            gradient_steps: 60,
-            batch: 8,
-            remembered: 64,
-            reward: 5.0,
-            discount: 0.8,
-            target_rate: 0.05,
-            patience: 20,
-            layers: 3,
-            seed: 0,
-        }
+        Self::of("driving")
+    }
+}
+
+impl Settings {
+    /// What ships for a domain.
+    pub fn of(domain: &str) -> Self {
+        config::gridworld(domain).sqil
+    }
+}
+
+impl Checked for Settings {
+    fn problem(&self) -> Option<String> {
+        (!(1..=8).contains(&self.layers)
+            || self.batch == 0
+            || self.rounds == 0
+            || self.learning_rate <= 0.0
+            || !(0.0..=1.0).contains(&self.discount)
+            || !(0.0..=1.0).contains(&self.target_rate))
+        .then(|| {
+            "layers from 1 to 8; rounds and batch at least 1; learning_rate positive; discount and target_rate in [0, 1]"
+                .to_owned()
+        })
     }
 }
 
@@ -73,18 +86,19 @@ impl Default for Settings {
 #[derive(Clone, Debug)]
 pub struct Imitated {
     /// The policy, as it was when it did best on the validation rounds.
-    pub policy: RecurrentChooser,
+    pub policy: RecurrentPolicy,
     /// Its mean negative log-likelihood there.
     pub validation: f32,
 }
 
-/// Learns from `rounds` and in `places` by turns, worlds with what the person perceives there: the same settings as the rounds' (at
+/// Learns a policy of `sizes`, but for its layers, from `rounds` and in `places` by turns, worlds with what limits the person's sight there and what they hear: the same settings as the rounds' (at
 /// least one). Stops by `validation`, or by every fifth of `rounds` where there is none. `progress` hears of each phase and its validation.
 ///
 /// # Panics
 /// Without a place.
 pub fn learn(
-    mut places: Vec<(World, Sight)>,
+    mut places: Vec<(World, (Vec<f32>, u32))>,
+    sizes: RecurrentSizes,
     rounds: &Rounds,
     validation: &Rounds,
     settings: &Settings,
@@ -93,8 +107,8 @@ pub fn learn(
     let layout = places[0].0.layout().clone();
     let (train, held) = split(rounds, validation);
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let sizes = ChooserSizes::of(&layout, settings.layers);
-    let mut policy = RecurrentChooser::new(sizes, &layout, &mut rng);
+    let sizes = sizes.with_layers(settings.layers);
+    let mut policy = RecurrentPolicy::new(sizes, &layout, &mut rng);
     let mut target = policy.clone();
     let held = Perceived::new(&policy, &held);
     let mut arena = Arena::new();
@@ -172,8 +186,8 @@ fn pick<'a>(rounds: &[&'a Round], count: usize, rng: &mut ChaCha8Rng) -> Vec<&'a
 
 /// The mean squared soft Bellman error of a batch; adds its gradients. The last step of a round has no future.
 fn soft_error(
-    policy: &RecurrentChooser,
-    target: &RecurrentChooser,
+    policy: &RecurrentPolicy,
+    target: &RecurrentPolicy,
     batch: &Perceived,
     reward: f32,
     discount: f32,
@@ -221,16 +235,22 @@ fn soft_error(
 /// A round of the policy itself, perceiving as the person would.
 fn live(
     world: &mut World,
-    policy: &RecurrentChooser,
-    sight: &Sight,
+    policy: &RecurrentPolicy,
+    (limits, heard): &(Vec<f32>, u32),
     seed: u64,
     [episode, scenario]: [u32; 2],
 ) -> Round {
-    let layout = world.layout().clone();
-    let mut human = RecurrentHuman::new("sqil", Arc::new(policy.clone()), &layout, sight);
+    let layout = Arc::new(world.layout().clone());
+    let mut human = RecurrentHuman::new(
+        Kind::Sqil,
+        Arc::new(policy.clone()),
+        &layout,
+        limits.clone(),
+        *heard,
+    );
     let shape = policy.sizes.model.shape;
     let mut beliefs = Beliefs::new(human.latent(), 1);
-    let mut distribution = human.distribution(1);
+    let mut distribution = ActionDistribution::new(human.actions(), 1);
     let mut observations = Observations::new(&shape, 1);
     let mut action = Tensor::new(shape.action, 1);
     let mut chance = vec![0.0; human.noise_rows()];

@@ -1,7 +1,6 @@
-//! How a masked observation looks to the networks: masked values with their masks beside them, as on the highway.
+//! How a masked observation looks to the networks: masked values with their masks beside them.
 
-use crate::Communicated;
-use domains::discrete::{Layout, Mask};
+use domains::{Layout, Mask};
 use nn::{Tape, Tensor, Var};
 
 /// Rows of an encoded observation: visual · mask, a number per region, verbal · mask, a number per utterance.
@@ -41,27 +40,25 @@ impl View {
         self.regions
     }
 
-    /// Writes an observation as it looks through a mask.
+    /// Writes an observation as it looks through a mask. What is hidden leaves nothing, even of what is not finite.
     pub fn write(&self, visual: &[f32], verbal: &[f32], mask: Mask, out: &mut [f32]) {
-        let seen = |region: u32| region as usize == self.regions || mask.sees(region as usize);
         let (shown, rest) = out.split_at_mut(self.region.len());
-        for ((out, x), region) in shown.iter_mut().zip(visual).zip(&self.region) {
-            *out = if seen(*region) { *x } else { 0.0 };
-        }
         let (visual_mask, rest) = rest.split_at_mut(self.regions);
         let (heard, verbal_mask) = rest.split_at_mut(self.utterance.len());
-        for ((out, x), utterance) in heard.iter_mut().zip(verbal).zip(&self.utterance) {
-            *out = if mask.hears(*utterance as usize) {
-                *x
-            } else {
-                0.0
-            };
-        }
         for (region, out) in visual_mask.iter_mut().enumerate() {
             *out = f32::from(u8::from(mask.sees(region)));
         }
         for (utterance, out) in verbal_mask.iter_mut().enumerate() {
             *out = f32::from(u8::from(mask.hears(utterance)));
+        }
+        for ((out, x), region) in shown.iter_mut().zip(visual).zip(&self.region) {
+            // What no region governs is always seen.
+            let seen = visual_mask.get(*region as usize).is_none_or(|m| *m != 0.0);
+            *out = if seen { *x } else { 0.0 };
+        }
+        for ((out, x), utterance) in heard.iter_mut().zip(verbal).zip(&self.utterance) {
+            let said = verbal_mask[*utterance as usize] != 0.0;
+            *out = if said { *x } else { 0.0 };
         }
     }
 
@@ -100,25 +97,5 @@ impl View {
             }
         });
         tape.concat(&[shown, seen, spoken, verbal_mask])
-    }
-}
-
-/// What is communicated as a set of regions and utterances.
-fn mask_of(communicated: Communicated) -> Mask {
-    Mask {
-        visual: communicated.visual_bits(),
-        verbal: communicated.verbal_bits(),
-    }
-}
-
-impl From<Mask> for Communicated {
-    fn from(mask: Mask) -> Self {
-        Self::new(mask.visual, mask.verbal)
-    }
-}
-
-impl From<Communicated> for Mask {
-    fn from(communicated: Communicated) -> Self {
-        mask_of(communicated)
     }
 }

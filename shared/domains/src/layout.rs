@@ -1,7 +1,7 @@
 //! What a world's numbers mean: sizes of the modalities, which numbers a visual region or an utterance governs, what can be
 //! communicated and what that costs (paper, Table "Communication Modalities and Costs").
 
-use super::{Domain, Mask};
+use crate::{Mask, Perception};
 
 /// An image's shape; its numbers lie channel after channel, row after row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,17 +36,37 @@ impl Image {
     }
 }
 
+/// What an action is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ActionSpace {
+    /// So many numbers, each in [−1, 1].
+    Continuous(usize),
+    /// One of so many choices; as numbers, zeros with a one.
+    Discrete(usize),
+}
+
+impl ActionSpace {
+    /// Numbers of an action.
+    pub const fn rows(self) -> usize {
+        match self {
+            Self::Continuous(n) | Self::Discrete(n) => n,
+        }
+    }
+}
+
 /// The meaning of a world's numbers. It owns the small tables, so that it can be cloned into models.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Layout {
-    /// Whose layout it is.
-    pub domain: Domain,
+    /// The domain's name in scene files, model files and on the command line.
+    pub domain: &'static str,
+    /// The domain's number in messages: 0 is the highway.
+    pub number: u32,
     /// Numbers of the visual modality. If there is an image, it comes first.
     pub visual: usize,
     /// Numbers of the verbal modality.
     pub verbal: usize,
-    /// Actions.
-    pub actions: usize,
+    /// What people do.
+    pub actions: ActionSpace,
     /// Shape of the image at the head of the visual modality, if it has one.
     pub image: Option<Image>,
     /// For each visual number, the region that governs whether it is seen; `None`: always seen (one's own lane, position, stage).
@@ -57,6 +77,10 @@ pub struct Layout {
     pub regions: usize,
     /// Utterances.
     pub utterances: usize,
+    /// How people perceive the regions by themselves.
+    pub perception: &'static dyn Perception,
+    /// What the robot itself senses.
+    pub sensed: Mask,
     /// Utterances that people hear without an assistant, a bit each.
     pub heard: u32,
     /// What can be communicated: the display cannot show every region.
@@ -73,14 +97,32 @@ pub struct Layout {
     pub utterance_names: &'static [&'static str],
     /// The reward's terms.
     pub terms: &'static [&'static str],
+    /// What a success is, in words.
+    pub success: &'static str,
+    /// What happened when something was hit, in words.
+    pub accident: &'static str,
 }
 
 impl Layout {
     /// Everything that can be hidden.
     pub fn everything(&self) -> Mask {
         Mask {
-            visual: ((1u64 << self.regions) - 1) as u32,
+            visual: u64::MAX >> (64 - self.regions),
             verbal: ((1u64 << self.utterances) - 1) as u32,
+        }
+    }
+
+    /// What somebody perceives to whom `items` are communicated, and who sees `seen` by themselves and hears `heard`
+    /// (steps 5 and 6 of forward imagination).
+    pub fn overlay(&self, seen: u64, heard: u32, items: (u32, u32), visual: &[f32]) -> Mask {
+        let (shown, said) = items;
+        let shown = match shown {
+            0 => 0,
+            shown => self.perception.shown(shown, visual),
+        };
+        Mask {
+            visual: seen | shown,
+            verbal: heard | said,
         }
     }
 

@@ -7,7 +7,8 @@
 use crate::human::{Beliefs, HumanModel, Kind};
 use crate::observation::{Communicated, Observations};
 use crate::policy::{ActionDistribution, largest};
-use domains::discrete::{MAX_ACTIONS, Mask, Mind, SimulatedPerson};
+use domains::ActionSpace;
+use domains::discrete::{MAX_ACTIONS, Mind, SimulatedPerson};
 use nn::Tensor;
 
 /// Streams of random numbers: of what is perceived, and of what is then chosen.
@@ -46,8 +47,8 @@ impl HumanModel for IdealHuman {
         self.latent() + 1
     }
 
-    fn distribution(&self, batch: usize) -> ActionDistribution {
-        ActionDistribution::categorical(self.actions, batch)
+    fn actions(&self) -> ActionSpace {
+        ActionSpace::Discrete(self.actions)
     }
 
     fn perceive(
@@ -80,7 +81,7 @@ impl HumanModel for IdealHuman {
             let (visual, verbal) = (observations.visual.column(j), observations.verbal.column(j));
             // 4: x̌ = h_p(x̂)   5: û = w_ω(x̂)   6: x̊ = v(x̌, û)   7: z^H
             let seen = self.person.look(visual);
-            let perceived = seen | Mask::from(communicated[j]);
+            let perceived = seen | communicated[j].mask();
             self.person.perceive(visual, verbal, perceived);
             self.person.write_memory(&mut z[..memory]);
             z[memory] = chance;
@@ -92,7 +93,10 @@ impl HumanModel for IdealHuman {
 
     fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution) {
         let (memory, batch) = (self.memory(), beliefs.z.cols());
-        out.log_probability.resize_to(self.actions, batch);
+        let ActionDistribution::Categorical { log_probability } = out else {
+            return;
+        };
+        log_probability.resize_to(self.actions, batch);
         for j in 0..batch {
             let z = beliefs.z.column(j);
             self.person.read_memory(&z[..memory]);
@@ -105,7 +109,7 @@ impl HumanModel for IdealHuman {
                 // Imagined observations may put people where nobody can be, such as into a wall.
                 probabilities.fill(1.0 / self.actions as f32);
             }
-            let log = out.log_probability.column_mut(j);
+            let log = log_probability.column_mut(j);
             for (log, p) in log.iter_mut().zip(probabilities) {
                 // What they would never do keeps a finite likelihood.
                 *log = p.max(f32::MIN_POSITIVE).ln();

@@ -1,8 +1,17 @@
-//! Network sizes and fixed deviations of the gridworlds' self-models (paper, appendix, "Model Architectures and Training").
+//! Network sizes and fixed deviations of self-models (paper, appendix, "Model Architectures and Training").
 
+use crate::config::{self, ImageNetwork, Network};
 use crate::observation::Shape;
-use domains::discrete::{Domain, Layout};
+use domains::Layout;
 use serde::{Deserialize, Serialize};
+
+/// Most dimensions of z: what a message holds.
+pub const MOST_LATENT: usize = 128;
+
+/// Sizes that make no sense, and why.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct SizesError(pub String);
 
 /// The image at the head of the visual modality, and the networks that read and draw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,13 +51,11 @@ impl ImageSizes {
     }
 }
 
-/// Sizes and fixed deviations of a gridworld's self-model.
+/// Sizes and fixed deviations of a self-model. The deviations are ours: they set how much each modality counts in the ELBO.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sizes {
-    /// Whose.
-    pub domain: Domain,
-    /// Modalities, their masks, and how many actions there are.
+    /// Modalities, their masks, and numbers of an action.
     pub shape: Shape,
     /// The image, if there is one.
     pub image: Option<ImageSizes>,
@@ -60,11 +67,11 @@ pub struct Sizes {
     pub encoder_hidden: usize,
     /// Of the decoders.
     pub decoder_hidden: usize,
-    /// Of the Q-network.
-    pub q_hidden: usize,
+    /// Of the policy, and of its critics.
+    pub policy_hidden: usize,
     /// σ of p(x^visual | z) for pixels.
     pub image_deviation: f32,
-    /// σ of p(x^visual | z) for the other visual numbers: less than half of a cell, in which they count.
+    /// σ of p(x^visual | z) for the other visual numbers.
     pub state_deviation: f32,
     /// σ of p(x^verbal | z).
     pub verbal_deviation: f32,
@@ -75,87 +82,81 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// The paper's sizes for a domain.
-    ///
-    /// Bomb defusal's Q-network has 256 neurons a layer where the paper has 2048: with 2048, an implant step and a plan would
-    /// take a hundred times the time that they have here (DESIGN §9), and its task needs no such network. The transitions of
-    /// search and rescue have 64, the size of its other decoders; the paper names none. Those of bomb defusal have 128, and its
-    /// rewards a smaller σ: with 64 and 0.5, the reward of a right press, 4, was imagined as 0.6, that of a wrong one, −6, as 0. Deviations and
-    /// temperature are ours: what matters should be worth several nats, and a mistake that costs a whole reward be rare. At
-    /// temperature 1 people in driving are more likely (0.52 nats a step instead of 0.71 with their true limits), but imagined
-    /// people then heed what they are told less than real ones do, and assistants say less than would help.
+    /// The sizes of the self-models that ship ([`crate::config`] says why they are so). A domain that does not ship has those
+    /// of gridworld driving.
     pub fn of(layout: &Layout) -> Self {
-        let shape = Shape {
-            visual: layout.visual,
-            visual_mask: layout.regions,
-            verbal: layout.verbal,
-            verbal_mask: layout.utterances,
-            action: layout.actions,
-        };
+        Self::with_network(&config::network(layout.domain), layout)
+    }
+
+    /// These networks over observations of a domain.
+    pub(crate) fn with_network(network: &Network, layout: &Layout) -> Self {
+        // What a file without images says of none is what they have by default.
+        let networks = network.image.unwrap_or(ImageNetwork {
+            channels: 4,
+            patterns: 16,
+            hidden: 48,
+            features: 16,
+        });
         let image = layout.image.map(|image| ImageSizes {
             height: image.height,
             width: image.width,
             colours: image.channels,
             kernel: image.kernel,
             stride: image.stride,
-            channels: 4,
-            patterns: 16,
-            hidden: 48,
-            features: 16,
+            channels: networks.channels,
+            patterns: networks.patterns,
+            hidden: networks.hidden,
+            features: networks.features,
         });
-        let driving = Self {
-            domain: layout.domain,
-            shape,
+        Self {
+            shape: Shape::of(layout),
             image,
-            latent: 48,
-            transition_hidden: 32,
-            encoder_hidden: 64,
-            decoder_hidden: 32,
-            q_hidden: 128,
-            image_deviation: 0.3,
-            state_deviation: 0.04,
-            verbal_deviation: 0.2,
-            reward_deviation: 0.5,
-            temperature: 0.5,
-        };
-        match layout.domain {
-            Domain::Driving => driving,
-            Domain::SearchRescue => Self {
-                state_deviation: 0.08,
-                transition_hidden: 64,
-                encoder_hidden: 128,
-                decoder_hidden: 64,
-                q_hidden: 200,
-                ..driving
-            },
-            Domain::BombDefusal => Self {
-                image: image.map(|image| ImageSizes {
-                    patterns: 9,
-                    hidden: 64,
-                    ..image
-                }),
-                transition_hidden: 128,
-                encoder_hidden: 64,
-                decoder_hidden: 64,
-                q_hidden: 256,
-                state_deviation: 0.08,
-                reward_deviation: 0.25,
-                ..driving
-            },
+            latent: network.latent,
+            transition_hidden: network.transition_hidden,
+            encoder_hidden: network.encoder_hidden,
+            decoder_hidden: network.decoder_hidden,
+            policy_hidden: network.policy_hidden,
+            image_deviation: network.image_deviation,
+            state_deviation: network.state_deviation,
+            verbal_deviation: network.verbal_deviation,
+            reward_deviation: network.reward_deviation,
+            temperature: network.temperature,
+        }
+    }
+
+    /// With so many neurons in every hidden layer.
+    pub fn with_hidden(self, neurons: usize) -> Self {
+        Self {
+            transition_hidden: neurons,
+            encoder_hidden: neurons,
+            decoder_hidden: neurons,
+            policy_hidden: neurons,
+            ..self
         }
     }
 
     /// A reason why these sizes make no sense for a layout, if there is one.
     pub fn problem(&self, layout: &Layout) -> Option<String> {
         let expected = Self::of(layout);
-        if self.domain != expected.domain {
-            let (ours, theirs) = (layout.domain.name(), self.domain.name());
-            return Some(format!("made for {theirs}, not for {ours}"));
-        }
-        if self.shape != expected.shape || self.image != expected.image {
+        let (picture, its) = (self.image, expected.image);
+        let picture = picture.map(|image| image.windows());
+        let its = its.map(|image| image.windows());
+        if self.shape != expected.shape || picture != its {
             return Some(format!(
-                "made for observations of {:?} {:?}, the domain has {:?} {:?}",
-                self.shape, self.image, expected.shape, expected.image
+                "made for observations of {:?} {picture:?}, the domain has {:?} {its:?}",
+                self.shape, expected.shape
+            ));
+        }
+        if let Some(image) = self.image {
+            let sizes = [image.channels, image.patterns, image.hidden, image.features];
+            if sizes.iter().any(|n| !(1..=1024).contains(n)) {
+                return Some(format!("image networks of 1 to 1024, not {sizes:?}"));
+            }
+        }
+        if self.latent > MOST_LATENT {
+            return Some(format!(
+                "z of {} dimensions: a message holds {MOST_LATENT}",
+                self.latent
             ));
         }
         let layers = [
@@ -163,7 +164,7 @@ impl Sizes {
             self.transition_hidden,
             self.encoder_hidden,
             self.decoder_hidden,
-            self.q_hidden,
+            self.policy_hidden,
         ];
         if layers.iter().any(|n| !(1..=4096).contains(n)) {
             return Some(format!("layers from 1 to 4096 neurons, not {layers:?}"));

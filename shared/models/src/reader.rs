@@ -1,8 +1,8 @@
 //! The networks that read masked observations (paper, appendix, "Search and Rescue"): a convolution and dense layers over the
 //! image, one dense layer over the words, side by side. Without an image, observations are read as they are.
 
-use super::sizes::Sizes;
-use super::view::View;
+use crate::sizes::Sizes;
+use crate::view::View;
 use nn::{Activation, Conv, Dense, Mlp, MlpScratch, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 
@@ -91,7 +91,7 @@ impl Reader {
     }
 
     /// Hands the features, as one or two blocks of rows, to `next`.
-    pub(super) fn infer<R>(
+    pub(crate) fn infer<R>(
         &self,
         p: &Parameters,
         s: &mut ReaderScratch,
@@ -115,7 +115,7 @@ impl Reader {
 }
 
 /// `out` ← rows from..to of `x`.
-pub(super) fn copy_rows(x: &Tensor, from: usize, to: usize, out: &mut Tensor) {
+pub(crate) fn copy_rows(x: &Tensor, from: usize, to: usize, out: &mut Tensor) {
     out.resize_to(to - from, x.cols());
     for j in 0..x.cols() {
         out.column_mut(j).copy_from_slice(&x.column(j)[from..to]);

@@ -2,11 +2,11 @@
 
 use std::ops::{BitAnd, BitOr, BitOrAssign};
 
-/// Bit i of `visual` is visual region i, bit i of `verbal` is utterance i, as [`super::Layout`] numbers them.
+/// Bit i of `visual` is visual region i, bit i of `verbal` is utterance i, as [`crate::Layout`] numbers them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Mask {
     /// Visual regions.
-    pub visual: u32,
+    pub visual: u64,
     /// Utterances.
     pub verbal: u32,
 }

@@ -1,0 +1,58 @@
+//! What a person perceives by themselves, as a function of the few numbers that a perceptual implant learns (paper, appendix,
+//! "Perceptual Implants"): every region of the visual modality has a *distance* and a *limit*, and is seen where the distance
+//! does not exceed the limit.
+//!
+//! Each domain says in its own folder what its distances are; models, implants and learning know no more than this trait.
+
+use core::fmt::Debug;
+
+/// Most limits that a domain's people have: the highway's azimuths.
+pub const MAX_LIMITS: usize = 64;
+
+/// A domain's distances and limits.
+pub trait Perception: Debug + Send + Sync {
+    /// Visual regions.
+    fn regions(&self) -> usize;
+
+    /// Limits that a person has, at most [`MAX_LIMITS`].
+    fn limits(&self) -> usize;
+
+    /// Limits that are taken to be alike where learning starts, as numbers of groups from 0.
+    fn group(&self, _limit: usize) -> usize {
+        0
+    }
+
+    /// Groups of limits.
+    fn groups(&self) -> usize {
+        self.group(self.limits() - 1) + 1
+    }
+
+    /// The largest limit, in the distance's unit: beyond it nothing is left to be seen.
+    fn largest(&self) -> f32;
+
+    /// How softly gradients pass the limit, in the distance's unit: about what lies between two cases.
+    fn width(&self) -> f32;
+
+    /// Standard normals that a person's perception takes in a step, where it is a matter of chance.
+    fn noise_rows(&self) -> usize {
+        0
+    }
+
+    /// Distance of a region of one person's whole visual modality, and which limit it has. `noise`: [`Self::noise_rows`]
+    /// standard normals; where chance decides and there are none, what is likelier than not happens.
+    fn distance(&self, region: usize, visual: &[f32], noise: Option<&[f32]>) -> (f32, usize);
+
+    /// The regions that are seen under `limits`, a bit each.
+    fn seen(&self, limits: &[f32], visual: &[f32], noise: Option<&[f32]>) -> u64 {
+        (0..self.regions()).fold(0, |bits, region| {
+            let (distance, limit) = self.distance(region, visual, noise);
+            bits | u64::from(distance <= limits[limit]) << region
+        })
+    }
+
+    /// The regions that a display shows when it is asked to show `items` (a bit each), and this is what there is to show. Where
+    /// items and regions are the same, all of them.
+    fn shown(&self, items: u32, _visual: &[f32]) -> u64 {
+        u64::from(items)
+    }
+}
