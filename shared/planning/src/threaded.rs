@@ -32,7 +32,7 @@ struct Parcel {
 impl ThreadedPeople {
     /// Starts the thread. `person`: what the person believes; `rows`: people in each group; `shape`: the domain's.
     pub fn spawn(
-        mut model: impl HumanModel + Send + 'static,
+        mut model: impl HumanModel + 'static,
         person: Beliefs,
         rows: usize,
         shape: &Shape,
