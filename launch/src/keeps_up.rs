@@ -1,4 +1,5 @@
-//! Whether this machine keeps up in real time: some plans as `mirror up` makes them by default, against the length of a step.
+//! Whether this machine keeps up in real time: some plans as `mirror up` makes them by default, against the length of a
+//! step.
 //!
 //! The human model answers from a thread of its own, as its process does in a set.
 

@@ -1,5 +1,5 @@
-//! Where a run takes place: the highway or a gridworld; and what depends on it: who acts there, which self-model the robot has,
-//! and how it plans.
+//! Where a run takes place: the highway or a gridworld; and what depends on it: who acts there, which self-model the
+//! robot has, and how it plans.
 
 use crate::gridworld;
 use crate::inputs;

@@ -19,8 +19,8 @@ use std::time::SystemTime;
 /// How long a set that runs already is watched, unless asked otherwise.
 const ATTACHED_S: f64 = 10.0;
 
-/// Runs `mirror profile`. Status 0 if something was seen and nothing went wrong with a run of our own, 2 if what was asked
-/// for cannot be used.
+/// Runs `mirror profile`. Status 0 if something was seen and nothing went wrong with a run of our own, 2 if what was
+/// asked for cannot be used.
 pub fn profile(arguments: &ProfileArguments) -> Result<ExitCode, Failure> {
     let older = arguments.against.as_deref().map(compare::read);
     let older = older.transpose().map_err(Failure::refused)?;

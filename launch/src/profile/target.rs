@@ -21,8 +21,8 @@ const ENDLESS: u32 = 1_000_000;
 /// Name of the observer's node.
 pub const NODE: &str = "profile";
 
-/// Starts `mirror up` for this instance, with endlessly many episodes if `endless`, and returns once its launcher has its
-/// place. It ends with this process.
+/// Starts `mirror up` for this instance, with endlessly many episodes if `endless`, and returns once its launcher has
+/// its place. It ends with this process.
 ///
 /// # Errors
 /// Status 2 when `up` refuses what it was asked for; it has then said why.

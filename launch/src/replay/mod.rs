@@ -18,8 +18,9 @@ use runtime::{ClockMode, InstanceLock, Launcher, now_ns};
 use set::Set;
 use std::process::ExitCode;
 
-/// Runs `mirror replay`. Status 0 if the replay of a whole drive came to its end and, where everything is as it was recorded,
-/// every decision is the same; 1 if one differs that should not, or if the recording is but a part of the drive.
+/// Runs `mirror replay`. Status 0 if the replay of a whole drive came to its end and, where everything is as it was
+/// recorded, every decision is the same; 1 if one differs that should not, or if the recording is but a part of the
+/// drive.
 pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     let summary = arguments.summary.as_deref();
     let summary = summary.map(|path| inputs::writable("--summary", path));

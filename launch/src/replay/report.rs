@@ -39,7 +39,8 @@ pub struct Totals {
     pub planned: u64,
     /// Mean of their predicted values.
     pub value_mean: Option<f64>,
-    /// Mean log-likelihood of the actions that the person really took, under the human model's prediction a step before.
+    /// Mean log-likelihood of the actions that the person really took, under the human model's prediction a step
+    /// before.
     pub log_likelihood_mean: Option<f64>,
 }
 
@@ -91,8 +92,8 @@ pub struct ReplayReport {
     pub now: Models,
     /// Why the decisions need not be the same; where empty, they must be.
     pub differences: Vec<String>,
-    /// Whether every belief and decision has the same bytes as then; none where they need not, or where some of the drive is
-    /// missing and nothing differs in the rest.
+    /// Whether every belief and decision has the same bytes as then; none where they need not, or where some of the
+    /// drive is missing and nothing differs in the rest.
     pub reproduced: Option<bool>,
     /// Steps replayed.
     pub steps: u64,

@@ -40,7 +40,8 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// What an exit status tells. `is_ours`: whether it is our own executable's; `was_signalled`: whether the launcher ended it.
+    /// What an exit status tells. `is_ours`: whether it is our own executable's; `was_signalled`: whether the launcher
+    /// ended it.
     pub fn of(status: ExitStatus, is_ours: bool, was_signalled: bool) -> Self {
         match (status.signal(), status.code()) {
             // No matter whether it was to end: it was not sent one of these.

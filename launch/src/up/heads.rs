@@ -109,8 +109,8 @@ pub struct Heads {
 }
 
 impl Heads {
-    /// Listens without being woken; call [`Heads::update`] some times a second. `step_ns`: how long a step lasts in real
-    /// time.
+    /// Listens without being woken; call [`Heads::update`] some times a second. `step_ns`: how long a step lasts in
+    /// real time.
     ///
     /// # Errors
     /// When a port cannot be made.

@@ -1,5 +1,5 @@
-//! From the command to the run's first step: learning, if the human model has to, and the processes' start. Whoever asks
-//! something of the set meanwhile is answered, and it can be suspended and ended.
+//! From the command to the run's first step: learning, if the human model has to, and the processes' start. Whoever
+//! asks something of the set meanwhile is answered, and it can be suspended and ended.
 
 use super::children::Children;
 use super::control_socket::ControlSocket;

@@ -103,8 +103,8 @@ pub struct RunSummary {
     pub communication_cost: f64,
     /// Deadlines missed, over all processes; only the real-time clock has any.
     pub missed_deadlines: u64,
-    /// In real time, how many steps had a decision in time; none in lockstep, where everybody waits for it, and without a
-    /// planner.
+    /// In real time, how many steps had a decision in time; none in lockstep, where everybody waits for it, and without
+    /// a planner.
     pub decisions: Option<Decisions>,
     /// Messages lost at any port, by topic.
     pub lost_messages: BTreeMap<String, u64>,

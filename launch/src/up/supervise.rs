@@ -10,10 +10,10 @@
 //! | recorder | the file ends with its last whole chunk; another recorder writes the next part |
 //! | launcher | everybody ends within a second; the next `up` or `doctor --clean` removes what is left |
 //!
-//! In lockstep everybody else waits meanwhile, and no step is lost; in real time the run goes on, and misses are counted.
-//! A process that does not answer for the hang limit ([`patience_ns`]) is killed, and then counts as lost; in lockstep only
-//! if it stands still, for one that computes is waited for. One that dies too often without having lived for
-//! [`HEALTHY_NS`] ends the run.
+//! In lockstep everybody else waits meanwhile, and no step is lost; in real time the run goes on, and misses are
+//! counted. A process that does not answer for the hang limit ([`patience_ns`]) is killed, and then counts as lost; in
+//! lockstep only if it stands still, for one that computes is waited for. One that dies too often without having lived
+//! for [`HEALTHY_NS`] ends the run.
 
 use super::ended::{Cause, Ended, signal_name};
 use super::heads::Heads;
@@ -196,9 +196,9 @@ pub fn handover_after_death(clock: ClockMode, heads: &Heads, place: usize) -> Po
     }
 }
 
-/// From where on a process is active that was started again in lockstep: it repeats its predecessor's last words, for a process that is killed
-/// while it sends has told some and not others. A human model's belief also has a planner that was asking begin again. A
-/// world begins a new episode.
+/// From where on a process is active that was started again in lockstep: it repeats its predecessor's last words, for a
+/// process that is killed while it sends has told some and not others. A human model's belief also has a planner that
+/// was asking begin again. A world begins a new episode.
 fn last_words(heads: &Heads, place: usize) -> Position {
     match (NAMES[place], heads.newest(place)) {
         (_, None) => (0, 0),
@@ -207,8 +207,8 @@ fn last_words(heads: &Heads, place: usize) -> Position {
     }
 }
 
-/// From where on a process is active that was started again in real time: after its predecessor's last words. A human model repeats
-/// its last belief, as above.
+/// From where on a process is active that was started again in real time: after its predecessor's last words. A human
+/// model repeats its last belief, as above.
 pub fn next_handover(heads: &Heads, place: usize) -> Position {
     let newest = heads.newest(place);
     match (NAMES[place], newest) {

@@ -1,5 +1,6 @@
-//! Replacing a process while the set runs: the new one starts beside the old, reads what it reads until it has caught up,
-//! and takes over at a step that both agree on, the handover step. The old publishes until the step before, the new from it on.
+//! Replacing a process while the set runs: the new one starts beside the old, reads what it reads until it has caught
+//! up, and takes over at a step that both agree on, the handover step. The old publishes until the step before, the new
+//! from it on.
 //!
 //! Until the handover step is crossed, whatever goes wrong leaves the old process in charge.
 

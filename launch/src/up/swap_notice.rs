@@ -8,7 +8,8 @@ use runtime::now_ns;
 const TELL_NS: u64 = 1_000_000_000;
 
 impl Swap {
-    /// Tells who asked what is waited for: at once where that will take long, else after a second, and then once a second.
+    /// Tells who asked what is waited for: at once where that will take long, else after a second, and then once a
+    /// second.
     pub(super) fn tell_waiting(&mut self, around: &Around) {
         let now = now_ns();
         let takes_long = match self.stage {

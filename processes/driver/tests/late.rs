@@ -12,8 +12,8 @@ use runtime::{
 use scenario::Scenario;
 use std::path::Path;
 
-/// World and renderer in one: three steps of a round, of which the second is shown what was decided late; gives what the person
-/// does in each, and what would have been right.
+/// World and renderer in one: three steps of a round, of which the second is shown what was decided late; gives what
+/// the person does in each, and what would have been right.
 fn others(arguments: &RunArguments, scene: &Scene) -> Result<([u32; 3], u32)> {
     let mut node = Node::join(arguments)?;
     let observations = node.output::<Observation>(topic::OBSERVATION)?;
@@ -43,7 +43,8 @@ fn others(arguments: &RunArguments, scene: &Scene) -> Result<([u32; 3], u32)> {
     send(0, &world)?;
     displays.send_with(Stamp::sensed(0, 0), |_| {})?;
     done[0] = act(&mut node, 0)?;
-    // What was decided for step 0 comes late, and is shown in a second display of that step; that of step 1 never comes.
+    // What was decided for step 0 comes late, and is shown in a second display of that step; that of step 1 never
+    // comes.
     let all = layout.communicable;
     displays.send_with(Stamp::sensed(0, 0), |out| {
         out.highlighted = all.visual as u32;

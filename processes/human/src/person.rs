@@ -81,8 +81,9 @@ impl<S: Senses> ModelledPerson<S> {
         self.position.is_some_and(|(seen, _)| seen == episode)
     }
 
-    /// Updates z^H with what the person could perceive in `sensed`, what `display` showed and said, and `taken`, what they did
-    /// one step before (ignored at an episode's start); writes belief and prediction into `out`, all but the header.
+    /// Updates z^H with what the person could perceive in `sensed`, what `display` showed and said, and `taken`, what
+    /// they did one step before (ignored at an episode's start); writes belief and prediction into `out`, all but the
+    /// header.
     pub fn observe(
         &mut self,
         sensed: &S::Sensed,

@@ -1,5 +1,5 @@
-//! The planner process: decides at step k what to communicate at k + 1, by imagining the robot's world and the person in
-//! it together.
+//! The planner process: decides at step k what to communicate at k + 1, by imagining the robot's world and the person
+//! in it together.
 
 mod planner_state;
 mod remote;
@@ -43,7 +43,8 @@ impl PlannerMethod {
         }
     }
 
-    /// The planning library's name for it; `none` plans nothing and is treated as `ce` where a planner is made all the same.
+    /// The planning library's name for it; `none` plans nothing and is treated as `ce` where a planner is made all the
+    /// same.
     fn chooser(self) -> planning::Method {
         match self {
             Self::Kl => planning::Method::Kl,

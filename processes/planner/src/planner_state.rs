@@ -1,5 +1,5 @@
-//! The planner's state from step to step: between messages and the planning library, where a plan starts, and what its decision
-//! looks like on the topic.
+//! The planner's state from step to step: between messages and the planning library, where a plan starts, and what its
+//! decision looks like on the topic.
 
 use crate::PlannerOptions;
 use domains::Layout;

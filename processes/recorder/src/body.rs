@@ -67,8 +67,8 @@ impl Body {
         }
     }
 
-    /// The memory of the message that has this body, its encapsulation header included, into `memory`; what is wrong with
-    /// the body, if it is none.
+    /// The memory of the message that has this body, its encapsulation header included, into `memory`; what is wrong
+    /// with the body, if it is none.
     ///
     /// # Errors
     /// Says what does not fit, and where.

@@ -1,8 +1,9 @@
 //! When a message happened in the drive: the wall clock at the drive's start, and from there on simulated time, a step
 //! length per step, however fast or slow the machine was. Episodes follow one another.
 //!
-//! The world's messages say where the drive is. What others send belongs to the step that it names, as far as the world has
-//! come. The step that ends an episode has an outcome but nothing to be sensed; the next episode begins a step after it.
+//! The world's messages say where the drive is. What others send belongs to the step that it names, as far as the world
+//! has come. The step that ends an episode has an outcome but nothing to be sensed; the next episode begins a step
+//! after it.
 
 use crate::topics::{Recorded, TOPICS};
 use messages::{Header, topic};
@@ -72,7 +73,8 @@ impl EpisodeTimes {
             .min(i64::MAX as u64)
     }
 
-    /// The step with the last outcome, for all that is known: whoever has sensed something acts, and sees what it led to.
+    /// The step with the last outcome, for all that is known: whoever has sensed something acts, and sees what it led
+    /// to.
     fn last_step(&self) -> u32 {
         let after_sensed = self.sensed.map_or(0, |step| step.saturating_add(1));
         self.step.max(after_sensed)
@@ -104,7 +106,8 @@ impl DriveTime {
         });
     }
 
-    /// Begins at once, at a moment of the monotonic clock, where no message of the world has come and none is waited for.
+    /// Begins at once, at a moment of the monotonic clock, where no message of the world has come and none is waited
+    /// for.
     pub fn begin(&mut self, sent_ns: u64) {
         self.now.get_or_insert_with(|| EpisodeTimes {
             number: 0,

@@ -1,8 +1,8 @@
 //! The records of an MCAP file one after the other, and the way back to them where bytes were changed.
 //!
 //! Nothing is believed about lengths: a record never takes more memory than the file has bytes. Where what should be a
-//! record is none, the next chunk is looked for: a chunk says its own length twice, so that hardly anything else looks like
-//! one.
+//! record is none, the next chunk is looked for: a chunk says its own length twice, so that hardly anything else looks
+//! like one.
 
 use mcap::records::op;
 use std::fs::File;
@@ -153,8 +153,8 @@ impl Frames {
         Ok(())
     }
 
-    /// Where the last whole chunks begin that follow the place at which reading stands: the last but one and the last, found
-    /// without reading any.
+    /// Where the last whole chunks begin that follow the place at which reading stands: the last but one and the last,
+    /// found without reading any.
     ///
     /// # Errors
     /// The system's.

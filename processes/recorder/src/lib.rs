@@ -139,8 +139,8 @@ impl Together {
         read.ok().map(|_| together)
     }
 
-    /// Counts what is missing before a message. A sender that takes another's place counts from 0 again; the last words of
-    /// the one may stand after the first of the other.
+    /// Counts what is missing before a message. A sender that takes another's place counts from 0 again; the last words
+    /// of the one may stand after the first of the other.
     fn count(&mut self, topic: usize, sequence: u64) {
         let [before, now] = &mut self.senders[topic];
         if sequence == *before && sequence > 0 {
@@ -345,8 +345,8 @@ impl Taken {
         }
     }
 
-    /// Whether all that the ports may hold finds room without waiting for the disk; always in real time, where what finds
-    /// none is dropped and counted.
+    /// Whether all that the ports may hold finds room without waiting for the disk; always in real time, where what
+    /// finds none is dropped and counted.
     fn has_room(&self) -> bool {
         let most = TOPICS.len() * RECORDER_BUFFER;
         self.queue.as_ref().is_none_or(|queue| queue.has_room(most))

@@ -1,6 +1,6 @@
-//! Brings messages into the drive's order: the recorder empties one topic after the other, so that in what it hands over,
-//! the frames of many steps come before the first display. A file whose times run backwards is slow to read for everybody,
-//! and what is drawn from it would show one step's cars in another step's colours.
+//! Brings messages into the drive's order: the recorder empties one topic after the other, so that in what it hands
+//! over, the frames of many steps come before the first display. A file whose times run backwards is slow to read for
+//! everybody, and what is drawn from it would show one step's cars in another step's colours.
 //!
 //! A message is held until every topic has come past its time. A topic that is silent for too long is not waited for.
 //! Whatever comes after that is written as of the time that the file has reached: within a file no time runs backwards.

@@ -1,4 +1,5 @@
-//! Draws a gridworld's picture for Foxglove's 3D panel: a box for every wall, a letter for everything else that stands in a cell.
+//! Draws a gridworld's picture for Foxglove's 3D panel: a box for every wall, a letter for everything else that stands
+//! in a cell.
 
 use crate::ros::{Colour, Marker, MarkerShape, MarkerStamp};
 use messages::{Display, Picture};
@@ -10,8 +11,8 @@ const LETTER: Colour = [0.15, 0.45, 0.95, 1.0];
 const WORDS: Colour = [0.2, 0.2, 0.2, 1.0];
 const SAID: Colour = [1.0, 0.65, 0.0, 1.0];
 
-/// A cell is a metre; the drawing's upper left cell lies at the origin, and rows go down the negative y axis. Below stands what the
-/// letters mean, above what is said.
+/// A cell is a metre; the drawing's upper left cell lies at the origin, and rows go down the negative y axis. Below
+/// stands what the letters mean, above what is said.
 pub fn draw(picture: &Picture, display: &Display, stamp: MarkerStamp) -> Vec<Marker> {
     let mut markers = vec![Marker::new(stamp, "", 0, MarkerShape::DeleteAll)];
     let drawing = text_of(&picture.text);

@@ -1,4 +1,5 @@
-//! Tells a lockstep world how far the recorder has come, so that it runs no further ahead than the recorder's ports hold.
+//! Tells a lockstep world how far the recorder has come, so that it runs no further ahead than the recorder's ports
+//! hold.
 
 use crate::topics::{Recorded, TOPICS};
 use messages::{Progress, topic};

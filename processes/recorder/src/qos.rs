@@ -1,5 +1,5 @@
-//! Quality of service of a channel, as rosbag2 keeps it in the channel's metadata: whoever plays a recording offers what is
-//! sent once to those who join later, too.
+//! Quality of service of a channel, as rosbag2 keeps it in the channel's metadata: whoever plays a recording offers
+//! what is sent once to those who join later, too.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub enum Qos {
 }
 
 impl Qos {
-    /// The channel's metadata. In numbers, as versions of rosbag2 up to 8 write it: all of them read that from a file without
-    /// rosbag2's own metadata.
+    /// The channel's metadata. In numbers, as versions of rosbag2 up to 8 write it: all of them read that from a file
+    /// without rosbag2's own metadata.
     pub fn metadata(self) -> BTreeMap<String, String> {
         const KEEP_LAST: u32 = 1;
         const RELIABLE: u32 = 1;

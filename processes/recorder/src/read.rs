@@ -1,8 +1,8 @@
-//! Reads recordings back, whole or broken: what a killed recorder, a full disk or a bad copy left is read as far as it is
-//! sound, and what is not is reported with its place.
+//! Reads recordings back, whole or broken: what a killed recorder, a full disk or a bad copy left is read as far as it
+//! is sound, and what is not is reported with its place.
 //!
-//! Records are taken one by one from the file; a chunk's checksum is checked before anything in it counts. A chunk that is
-//! damaged is passed over. Of a last chunk that is cut, what can still be decompressed counts.
+//! Records are taken one by one from the file; a chunk's checksum is checked before anything in it counts. A chunk that
+//! is damaged is passed over. Of a last chunk that is cut, what can still be decompressed counts.
 
 use crate::body::Body;
 use crate::drive_time::{self, Anchor};
@@ -39,7 +39,8 @@ pub fn run_of(path: &Path) -> Option<u64> {
     reader.found.run_id
 }
 
-/// How far a file's recording has come in its drive, if it is one with a step in it. Only its beginning and its end are read.
+/// How far a file's recording has come in its drive, if it is one with a step in it. Only its beginning and its end are
+/// read.
 pub fn end_of(path: &Path) -> Option<Anchor> {
     let mut reader = RecordingReader::open(path, |_: &Recorded| {}).ok()?;
     let has_channels = |found: &Found| found.channels.contains(&true);

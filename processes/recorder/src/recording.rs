@@ -1,7 +1,7 @@
 //! An MCAP file being written: channels, chunks, the closing metadata, and what happens when the disk fills.
 //!
-//! Times are the drive's ([`DriveTime`]), and messages stand in its order ([`Order`]); when a message was really sent is in
-//! its header. Text is recorded as strings ([`Body`]).
+//! Times are the drive's ([`DriveTime`]), and messages stand in its order ([`Order`]); when a message was really sent
+//! is in its header. Text is recorded as strings ([`Body`]).
 //!
 //! Chunks are compressed in memory and written whole. After each one the file's length is remembered; when a write
 //! fails, the file is cut back to the last place where it was sound and closed there with a record that says what is

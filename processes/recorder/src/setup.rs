@@ -1,5 +1,6 @@
-//! What a run was and what it was set up from, kept in its recording so that the recording can be replayed from nothing else: every
-//! process's options, the model files with their digests, and what was learned of the person, as an attachment.
+//! What a run was and what it was set up from, kept in its recording so that the recording can be replayed from nothing
+//! else: every process's options, the model files with their digests, and what was learned of the person, as an
+//! attachment.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

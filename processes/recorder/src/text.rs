@@ -35,8 +35,8 @@ fn marked(bytes: &[u8]) -> String {
     out
 }
 
-/// Writes the bytes that a string stands for into `padded`, and zeros behind them; none if they do not fit or the string
-/// is none that [`string_of`] makes.
+/// Writes the bytes that a string stands for into `padded`, and zeros behind them; none if they do not fit or the
+/// string is none that [`string_of`] makes.
 pub fn bytes_of(text: &str, padded: &mut [u8]) -> Option<()> {
     let bytes = match text.strip_prefix(MARK) {
         None => Cow::Borrowed(text.as_bytes()),

@@ -154,7 +154,8 @@ topics! {
 }
 
 impl Inputs {
-    /// As [`Inputs::drain`], of what the launcher and the processes tell each other alone: nobody waits until it was taken.
+    /// As [`Inputs::drain`], of what the launcher and the processes tell each other alone: nobody waits until it was
+    /// taken.
     ///
     /// # Errors
     /// [`PortError::Receive`].

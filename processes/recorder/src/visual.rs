@@ -1,4 +1,5 @@
-//! Derives what Foxglove's 3D panel draws: LIDAR returns as scans, cars and utterances as markers, frames as transforms.
+//! Derives what Foxglove's 3D panel draws: LIDAR returns as scans, cars and utterances as markers, frames as
+//! transforms.
 //!
 //! Frames: `map` is the world's; `base_link` lies on the road below the middle of the ego car, x ahead; `lidar` on its
 //! roof; `lidar_low`, `lidar_mid` and `lidar_high` at the middle of the sensor's height bands.
@@ -91,8 +92,8 @@ impl Default for Visuals {
 }
 
 impl Visuals {
-    /// Takes in `message`, which happened at `time_ns`, and hands every message derived from it to `emit` as channel and
-    /// encapsulated body.
+    /// Takes in `message`, which happened at `time_ns`, and hands every message derived from it to `emit` as channel
+    /// and encapsulated body.
     pub fn derive(
         &mut self,
         message: &Recorded,

@@ -72,8 +72,8 @@ fn everything_that_was_written_is_read() {
     assert_eq!(run_of(&path), Some(about.run_id));
 }
 
-/// Every length at which a file may end: what is read is a beginning of what was sent, never less for a longer file, and
-/// more than the chunks before the cut.
+/// Every length at which a file may end: what is read is a beginning of what was sent, never less for a longer file,
+/// and more than the chunks before the cut.
 #[test]
 fn a_cut_file_is_read_up_to_the_cut() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -197,8 +197,8 @@ fn channels_that_were_damaged_are_found_at_the_files_end() {
     assert!(!found.is_complete() && found.damage.len() == 1);
 }
 
-/// Wherever a byte is changed: what is read is what was sent, without a stretch of it; and where anything is missing or may
-/// be wrong, the file is not called complete.
+/// Wherever a byte is changed: what is read is what was sent, without a stretch of it; and where anything is missing or
+/// may be wrong, the file is not called complete.
 #[test]
 fn a_changed_byte_is_never_taken_for_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -310,7 +310,8 @@ fn what_is_no_recording_is_named() {
     read_all(folder.path()).expect_err("a folder");
 }
 
-/// Records of every kind with too few bytes: a reader that takes for granted what an attachment must have comes down here.
+/// Records of every kind with too few bytes: a reader that takes for granted what an attachment must have comes down
+/// here.
 #[test]
 fn records_that_are_too_short_are_damage() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -346,7 +347,8 @@ fn short_recording() -> Vec<u8> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
-    /// Neither random bytes, nor random bytes behind a sound beginning, nor bytes that were changed bring the reader down.
+    /// Neither random bytes, nor random bytes behind a sound beginning, nor bytes that were changed bring the reader
+    /// down.
     #[test]
     fn nothing_brings_the_reader_down(
         random in proptest::collection::vec(any::<u8>(), 0..600),

@@ -1,5 +1,5 @@
-//! Whether the assistant keeps up in real time, so that a person who is not assisted is told so: once when it begins and once
-//! when it ends.
+//! Whether the assistant keeps up in real time, so that a person who is not assisted is told so: once when it begins
+//! and once when it ends.
 
 use messages::{CommAction, DecisionReason, Display, Header, Utterance};
 
@@ -22,8 +22,8 @@ pub struct Assistance {
 }
 
 impl Assistance {
-    /// Takes note of a new frame and of the newest decision that is there with it, and tells the person in `display` if something
-    /// has changed.
+    /// Takes note of a new frame and of the newest decision that is there with it, and tells the person in `display` if
+    /// something has changed.
     pub fn look(&mut self, sensed: &Header, decision: Option<&CommAction>, display: &mut Display) {
         if decision.is_some_and(|decision| decision.reason() == Ok(DecisionReason::NoPlanner)) {
             *self = Self::default(); // nobody is promised anything

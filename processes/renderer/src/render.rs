@@ -17,8 +17,8 @@ pub trait Render {
     /// Begins with an episode, at its start or where `shown`, the last that another renderer showed of it, left off.
     fn follow(&mut self, episode: u32, shown: Option<&Display>);
 
-    /// Fills in `display`, all but the header, for the step of what is sensed. Without a decision that is in force nothing is
-    /// shown.
+    /// Fills in `display`, all but the header, for the step of what is sensed. Without a decision that is in force
+    /// nothing is shown.
     fn render(
         &mut self,
         sensed: &Self::Sensed,

@@ -1,5 +1,5 @@
-//! Printing that holds nobody up: lines are written by a thread of their own. What finds no room is missing, and is said to be
-//! where it is; a display must not wait for a reader who has stopped reading.
+//! Printing that holds nobody up: lines are written by a thread of their own. What finds no room is missing, and is
+//! said to be where it is; a display must not wait for a reader who has stopped reading.
 
 use std::io::{self, Write};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

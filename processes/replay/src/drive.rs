@@ -243,8 +243,8 @@ impl Drive {
 }
 
 impl Drive {
-    /// Whether the recording has all that was sent, as far as it can tell. Of another, a replay shows nothing about the drive
-    /// as a whole.
+    /// Whether the recording has all that was sent, as far as it can tell. Of another, a replay shows nothing about the
+    /// drive as a whole.
     pub fn is_complete(&self) -> bool {
         self.gaps.is_empty() && self.parts.iter().all(|part| part.complete)
     }

@@ -1,9 +1,9 @@
 //! The replay process: plays world, driver and renderer from a recording, in lockstep, and compares what belief, human
 //! model and planner say to it with what they said then.
 //!
-//! At step k it sends what was sensed, the recorded display and action, and waits for z^R_k, z^H_k and the decision for k + 1. The
-//! person and the world are as recorded: every decision is asked for in the situation of that time, whatever was decided
-//! for the step before.
+//! At step k it sends what was sensed, the recorded display and action, and waits for z^R_k, z^H_k and the decision for
+//! k + 1. The person and the world are as recorded: every decision is asked for in the situation of that time, whatever
+//! was decided for the step before.
 //!
 //! Where frame or display of a step is missing in the recording, the step is passed over; where the action is, the one
 //! before it is held, as a world in real time would. What follows in that episode is marked: the recorded beliefs knew

@@ -2,9 +2,9 @@
 //!
 //! A world hands over to another, and takes over, between two episodes.
 //!
-//! At step k it publishes the outcome of step k − 1, what is true and what can be sensed at k, waits for the driver's action k
-//! (lockstep) or for the beat (real time), and steps. The step that ends an episode has an outcome, but nothing to be sensed:
-//! nobody is asked to act on it.
+//! At step k it publishes the outcome of step k − 1, what is true and what can be sensed at k, waits for the driver's
+//! action k (lockstep) or for the beat (real time), and steps. The step that ends an episode has an outcome, but
+//! nothing to be sensed: nobody is asked to act on it.
 
 mod gridworld;
 mod highway;

@@ -1,5 +1,5 @@
-//! Those who only take in what is sent, the recorder and the launcher: in lockstep the world does not run ahead of what their
-//! ports hold, so that neither a slow disk nor a busy machine loses a message.
+//! Those who only take in what is sent, the recorder and the launcher: in lockstep the world does not run ahead of what
+//! their ports hold, so that neither a slow disk nor a busy machine loses a message.
 //!
 //! Both say how far they have come ([`Progress`]). Nobody is waited for who never did; the launcher says which recorder
 //! counts, so that one that died is waited for until another has taken its place, and somebody else's program in the

@@ -19,8 +19,8 @@ pub struct WorldPorts<S: Sensed> {
     pub action: Input<DriverAction>,
     /// Of these, only an episode's last one is awaited.
     human: Input<HumanBelief>,
-    /// Newest step that a human model spoke of. One that hands over may still be at earlier steps when its successor has
-    /// spoken, so the message that came last does not tell.
+    /// Newest step that a human model spoke of. One that hands over may still be at earlier steps when its successor
+    /// has spoken, so the message that came last does not tell.
     human_at: Option<(u32, u32)>,
     decision: Input<CommAction>,
     /// Who is waited for though nobody needs their answer.

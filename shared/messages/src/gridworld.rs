@@ -31,7 +31,8 @@ message! {
     pub struct Picture, "1" {
         /// Header.
         pub header: Header,
-        /// A drawing in text (in memory, zero-padded UTF-8): lines of cells, then a line that says what its letters stand for.
+        /// A drawing in text (in memory, zero-padded UTF-8): lines of cells, then a line that says what its letters
+        /// stand for.
         pub text: [u8; PICTURE_BYTES] as text,
     } header: yes
 }

@@ -30,7 +30,8 @@ pub use ros_package::ros_package;
 pub use sensed::Sensed;
 pub use step::*;
 
-/// The processes of a set in launch order; a process's place is its index in messages as long as none was started again.
+/// The processes of a set in launch order; a process's place is its index in messages as long as none was started
+/// again.
 pub const PROCESSES: [&str; 7] = [
     "world", "driver", "belief", "human", "planner", "renderer", "recorder",
 ];

@@ -1,5 +1,5 @@
-//! What the numbers in messages mean: the enums of [`number`](crate::number) as the messages' own accessors, and the numbers
-//! that stand for nobody and nothing.
+//! What the numbers in messages mean: the enums of [`number`](crate::number) as the messages' own accessors, and the
+//! numbers that stand for nobody and nothing.
 
 use crate::{
     CommAction, Control, ControlCommand, DecisionReason, DriverAction, EpisodeEnd, ImagineAnswer,

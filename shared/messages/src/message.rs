@@ -73,8 +73,8 @@ pub fn layout_hash(description: &str) -> u64 {
 }
 
 /// Declares a message: the `repr(C)` structure, its [`Message`] and [`FieldType`](crate::FieldType) implementations,
-/// and the compile-time assertions that it has no padding and that every field is aligned as CDR wants it. A field declared
-/// `as text` holds zero-padded UTF-8.
+/// and the compile-time assertions that it has no padding and that every field is aligned as CDR wants it. A field
+/// declared `as text` holds zero-padded UTF-8.
 macro_rules! message {
     ($(#[doc = $doc:literal])* pub struct $name:ident, $version:literal {
         $($(#[doc = $field_doc:literal])* pub $field:ident: $type:ty $(as $text:ident)?,)*

@@ -1,7 +1,7 @@
 //! The numbers with a meaning that messages carry, as enums.
 //!
-//! A message's field stays a plain `u32`: whatever another program puts there is a number, and none of them makes a Rust
-//! value invalid. The message's accessor gives the number its meaning, or says that it has none.
+//! A message's field stays a plain `u32`: whatever another program puts there is a number, and none of them makes a
+//! Rust value invalid. The message's accessor gives the number its meaning, or says that it has none.
 
 use core::fmt;
 

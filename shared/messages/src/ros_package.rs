@@ -1,5 +1,5 @@
-//! The messages as a ROS 2 interface package, for whoever wants to build against them: `package.xml`, `CMakeLists.txt`, and a
-//! `.msg` file per message with its documentation.
+//! The messages as a ROS 2 interface package, for whoever wants to build against them: `package.xml`, `CMakeLists.txt`,
+//! and a `.msg` file per message with its documentation.
 
 use crate::field::{Text, line};
 use crate::{Description, for_each_message};

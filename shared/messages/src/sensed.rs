@@ -10,7 +10,8 @@ pub trait Sensed: Message {
     /// Its topic.
     const TOPIC: &'static str;
 
-    /// Domain, and how many visual and verbal numbers there are. What another program sends need not be what a model takes.
+    /// Domain, and how many visual and verbal numbers there are. What another program sends need not be what a model
+    /// takes.
     fn measure(&self) -> [u32; 3];
 }
 

@@ -1,5 +1,6 @@
-//! The messages that every domain has, in the order in which a step produces them. They hold what the largest
-//! domain needs, and say how much of it is used; what one domain alone has, such as the highway's LIDAR, has a message of its own.
+//! The messages that every domain has, in the order in which a step produces them. They hold what the largest domain
+//! needs, and say how much of it is used; what one domain alone has, such as the highway's LIDAR, has a message of its
+//! own.
 
 use crate::Header;
 use crate::message::message;
@@ -166,7 +167,8 @@ message! {
         pub value_silent: f32,
         /// Communication cost of this step.
         pub cost: f32,
-        /// [`DecisionReason`](crate::DecisionReason): 0 planned, 1 no planner, 2 the human model gave no answer, 3 late.
+        /// [`DecisionReason`](crate::DecisionReason): 0 planned, 1 no planner, 2 the human model gave no answer, 3
+        /// late.
         pub reason: u32,
         /// Imagined futures.
         pub samples: u32,
@@ -182,8 +184,8 @@ message! {
         pub text: [u8; 64] as text,
         /// The verbal item: on the highway, the sector it is about. `u32::MAX` for a notice.
         pub item: u32,
-        /// [`UtteranceContent`](crate::UtteranceContent): 0 nothing there, 1 slow, 2 fast; 3 what the text says (gridworlds); 4 a
-        /// notice about the assistant itself.
+        /// [`UtteranceContent`](crate::UtteranceContent): 0 nothing there, 1 slow, 2 fast; 3 what the text says
+        /// (gridworlds); 4 a notice about the assistant itself.
         pub kind: u32,
         /// Highway: range of the nearest car there in m; 40 for none.
         pub range_m: f32,
@@ -237,9 +239,9 @@ message! {
         pub seed: u64,
         /// Group of imagined people; the human model keeps each group's beliefs from question to question.
         pub group: u32,
-        /// [`ImaginePhase`](crate::ImaginePhase). 0: start from the current belief. 1: perceive what is below, then act. 2: forget
-        /// the group. 3: no group, but how far from the robot's belief would the person's be, had they perceived what is below
-        /// after `action`?
+        /// [`ImaginePhase`](crate::ImaginePhase). 0: start from the current belief. 1: perceive what is below, then
+        /// act. 2: forget the group. 3: no group, but how far from the robot's belief would the person's be, had they
+        /// perceived what is below after `action`?
         pub phase: u32,
         /// People in the group.
         pub rows: u32,
@@ -253,8 +255,8 @@ message! {
         pub verbal_width: u32,
         /// Communicated items of each person: visual in bits 0–7 and 16–23, verbal in bits 8–15.
         pub communicated: [u32; MAX_GROUP],
-        /// Imagined visual modality x̂, a person after the other without gaps, as models see it. Highway: 108 × nearness
-        /// (1 − range/40 m), then the ego values times 60, 2, 2, 2, 60.
+        /// Imagined visual modality x̂, a person after the other without gaps, as models see it. Highway: 108 ×
+        /// nearness (1 − range/40 m), then the ego values times 60, 2, 2, 2, 60.
         pub visual: [f32; MAX_GROUP * VISUAL_NUMBERS],
         /// Imagined verbal modality x̂, a person after the other without gaps.
         pub verbal: [f32; MAX_GROUP * VERBAL_NUMBERS],
@@ -274,13 +276,13 @@ message! {
         pub group: u32,
         /// People in the group.
         pub rows: u32,
-        /// [`ImagineStatus`](crate::ImagineStatus): 0 answered, 1 no belief for that step, 2 no such group, 3 no belief that could
-        /// be compared with the robot's.
+        /// [`ImagineStatus`](crate::ImagineStatus): 0 answered, 1 no belief for that step, 2 no such group, 3 no belief
+        /// that could be compared with the robot's.
         pub status: u32,
         /// The question's phase; see [`ImaginePhase`](crate::ImaginePhase).
         pub phase: u32,
-        /// Actions of the people, one after the other without gaps: throttle/brake and steer, or as many numbers as there are
-        /// discrete actions, a 1 in the place of the one that is taken.
+        /// Actions of the people, one after the other without gaps: throttle/brake and steer, or as many numbers as
+        /// there are discrete actions, a 1 in the place of the one that is taken.
         pub action: [f32; MAX_GROUP * CHOICES],
         /// KL[z^H ‖ z^R] of each row (phase 3).
         pub divergence: [f32; MAX_GROUP],
@@ -292,8 +294,8 @@ message! {
     pub struct Control, "1" {
         /// Header.
         pub header: Header,
-        /// [`ControlCommand`](crate::ControlCommand): 1 start, 2 stop, 3 take over from the header's episode and step on, 4 report,
-        /// 5 connect to who joined, 6 be silent from the header's episode and step on.
+        /// [`ControlCommand`](crate::ControlCommand): 1 start, 2 stop, 3 take over from the header's episode and step
+        /// on, 4 report, 5 connect to who joined, 6 be silent from the header's episode and step on.
         pub command: u32,
         /// Process addressed: index in launch order, or `u32::MAX` for all.
         pub process: u32,
@@ -345,8 +347,8 @@ message! {
         pub index: u32,
         /// Operating-system process id.
         pub pid: u32,
-        /// [`ProcessState`](crate::ProcessState): 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take over or hand
-        /// over as told, 7 too late for that, 8 silent from now on.
+        /// [`ProcessState`](crate::ProcessState): 1 ready, 2 running, 3 finished, 4 failed, 5 caught up, 6 will take
+        /// over or hand over as told, 7 too late for that, 8 silent from now on.
         pub state: u32,
     } header: yes
 }

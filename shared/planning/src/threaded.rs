@@ -1,4 +1,5 @@
-//! A human model that answers from a thread of its own, as the human process does in a process set: two cores share a plan.
+//! A human model that answers from a thread of its own, as the human process does in a process set: two cores share a
+//! plan.
 
 use crate::people::{ImaginedPeople, PeopleError};
 use crate::planner::GROUPS;

@@ -1,8 +1,8 @@
 //! `--against FILE`: what became slower or faster since an older profile, and what does not exceed the noise.
 //!
-//! The rule. Every figure of a profile is cut, in the order of time, into twenty blocks of equal length, and each block has
-//! its median and, where it has samples enough, its 99th percentile. Neighbouring steps resemble each other, blocks hardly
-//! do. The blocks of the two profiles are compared by their ranks (Mann–Whitney, two-sided, with the normal
+//! The rule. Every figure of a profile is cut, in the order of time, into twenty blocks of equal length, and each block
+//! has its median and, where it has samples enough, its 99th percentile. Neighbouring steps resemble each other, blocks
+//! hardly do. The blocks of the two profiles are compared by their ranks (Mann–Whitney, two-sided, with the normal
 //! approximation and the correction for ties); the p-values of all figures together are held against 5 % by Holm's
 //! procedure. What passes *and* differs by 2 % or more is called slower or faster; everything else is within the noise.
 //! Ranks within two runs cannot see what differs between runs of the same program, such as another load of the machine:

@@ -1,8 +1,8 @@
 //! What watching costs those who are watched: the same run with and without a watcher, by turns.
 //!
-//! After the observation, subscribers are made and dropped by turns for some hundred milliseconds each. How many steps the
-//! world did while nobody watched is known from its sequence numbers before and after. Each turn without a watcher is
-//! compared with the mean of its two neighbours with one, so that a slow drift of the machine's load cancels. The
+//! After the observation, subscribers are made and dropped by turns for some hundred milliseconds each. How many steps
+//! the world did while nobody watched is known from its sequence numbers before and after. Each turn without a watcher
+//! is compared with the mean of its two neighbours with one, so that a slow drift of the machine's load cancels. The
 //! median of these ratios is stated with a distribution-free interval (order statistics).
 //!
 //! The same is done with the processor time that the set uses for a tick: it holds what senders do more for one more
@@ -78,8 +78,8 @@ fn set_cpu(pids: &[u32]) -> (u64, u64) {
     (cpu, now_ns())
 }
 
-/// Measures for at least `seconds`; none if the run ends before there is enough to tell, or for a signal. `plans`: whether
-/// the planner imagines.
+/// Measures for at least `seconds`; none if the run ends before there is enough to tell, or for a signal. `plans`:
+/// whether the planner imagines.
 ///
 /// # Errors
 /// When a port fails.
@@ -94,8 +94,8 @@ pub fn measure(
     let turns = FEWEST.max((seconds * 1e9 / (2 * turn_ns) as f64).round() as usize);
     let (mut watched, mut alone) = (Vec::new(), Vec::new());
     let mut own_cpu = (0, 0);
-    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, a subscriber of frames,
-    // is there while the others come and go.
+    // Making and dropping subscribers takes milliseconds, which belong to neither turn: a marker, a subscriber of
+    // frames, is there while the others come and go.
     let mut left: Option<TickMoment> = None;
     for turn in 0..=turns {
         let mut marker = FrameMarker::attach(&watch.observer)?;
@@ -155,7 +155,8 @@ impl TickMoment {
     }
 }
 
-/// Waits for a frame that is sent from now on; none if the run ends, or for a signal. `newest`: the newest frame's header.
+/// Waits for a frame that is sent from now on; none if the run ends, or for a signal. `newest`: the newest frame's
+/// header.
 fn moment(
     watch: &mut Watch,
     pids: &[u32],
@@ -239,8 +240,8 @@ pub fn median(values: &[f64]) -> f64 {
 }
 
 /// The narrowest interval between order statistics, equally many cut off on both sides, that covers the median with at
-/// least `confidence`: how many are cut off on each side, and the confidence it really has. With too few values, nothing is
-/// cut off.
+/// least `confidence`: how many are cut off on each side, and the confidence it really has. With too few values,
+/// nothing is cut off.
 fn median_interval(count: usize, confidence: f64) -> (usize, f64) {
     // P(Bin(count, ½) ≤ cut − 1) on both sides is what the interval misses.
     let mut term = 0.5_f64.powi(count as i32);

@@ -4,9 +4,9 @@ use messages::PROCESSES;
 use messages::topic;
 use runtime::ClockMode;
 
-/// A topic on which a step leaves exactly one message, which ends a process's step: one for every process but the recorder.
-/// What the world sends besides, `world/outcome` and `world/scene`, is not watched: it goes out just before the frame, and
-/// every subscriber costs its sender something.
+/// A topic on which a step leaves exactly one message, which ends a process's step: one for every process but the
+/// recorder. What the world sends besides, `world/outcome` and `world/scene`, is not watched: it goes out just before
+/// the frame, and every subscriber costs its sender something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GraphTopic {
     /// world/lidar
@@ -95,8 +95,8 @@ pub struct Edge {
     pub step: i32,
     /// What is sent.
     pub to: GraphTopic,
-    /// Whether the sent message takes its step from this one, so that it is known which one it was; of others, the newest
-    /// that was there is assumed in real time.
+    /// Whether the sent message takes its step from this one, so that it is known which one it was; of others, the
+    /// newest that was there is assumed in real time.
     pub stamps: bool,
     when: When,
 }

@@ -12,7 +12,8 @@ pub fn tag(name: &str) -> String {
     name.replace('→', "to").replace([' ', ','], "_")
 }
 
-/// The log: one interval over the whole observation per figure, values in ns, three significant digits, nothing clipped.
+/// The log: one interval over the whole observation per figure, values in ns, three significant digits, nothing
+/// clipped.
 ///
 /// # Errors
 /// When a histogram cannot be made.

@@ -299,8 +299,8 @@ impl Samples {
     }
 }
 
-/// A step's latency, whose slowest and typical case are shown: in lockstep the tick; in real time, where ticks come from
-/// the clock, from sensing to decision.
+/// A step's latency, whose slowest and typical case are shown: in lockstep the tick; in real time, where ticks come
+/// from the clock, from sensing to decision.
 pub fn latency(reader: &StepReader, episode: u32, step: u32) -> Option<(u64, u64)> {
     let table: &StepTable = reader.table;
     match reader.clock {

@@ -1,4 +1,5 @@
-//! `--picture FILE.svg`: a typical step and the slowest in all processes, with arrows along the messages and the critical path marked.
+//! `--picture FILE.svg`: a typical step and the slowest in all processes, with arrows along the messages and the
+//! critical path marked.
 
 use crate::result::{Span, Trace};
 use messages::PROCESSES;

@@ -77,8 +77,8 @@ pub struct Counts {
     pub episodes: u64,
     /// Messages taken.
     pub messages: u64,
-    /// Of these, steps of which a belief, display or action was not seen: at the borders of what was watched, and in real
-    /// time where a process passed a frame over.
+    /// Of these, steps of which a belief, display or action was not seen: at the borders of what was watched, and in
+    /// real time where a process passed a frame over.
     pub incomplete_steps: u64,
     /// Messages sent a second time for a step, as a late decision is shown again.
     pub repeated: u64,
@@ -97,7 +97,8 @@ pub struct Counts {
 pub struct ProcessProfile {
     /// Process id.
     pub pid: u32,
-    /// Processor time since its beginning when watching began and ended, in seconds (its clock `CLOCK_PROCESS_CPUTIME_ID`).
+    /// Processor time since its beginning when watching began and ended, in seconds (its clock
+    /// `CLOCK_PROCESS_CPUTIME_ID`).
     pub cpu_s: Option<[f64; 2]>,
     /// Share of a core in between.
     pub cpu_share: Option<f64>,

@@ -14,8 +14,8 @@ const AROUND: u32 = 250;
 const AROUND_PLANS: u32 = 40;
 
 /// A trace of the steps around these, each an episode and a step. Overlapping stretches of steps are written once.
-/// `pids`: of the processes in launch order. `about` goes into the file's `otherData`, with the moment of the trace's zero
-/// on the monotonic clock.
+/// `pids`: of the processes in launch order. `about` goes into the file's `otherData`, with the moment of the trace's
+/// zero on the monotonic clock.
 pub fn trace(reader: &StepReader, around: &[(u32, u32)], pids: &[u32], about: Value) -> Value {
     let mut windows: Vec<(u32, u32, u32)> = around
         .iter()

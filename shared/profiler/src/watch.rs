@@ -15,8 +15,8 @@ use runtime::instance::{nodes, root_of};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
 use std::collections::BTreeMap;
 
-/// Between two looks. Inputs hold a thousand messages each, a tenth of a second of the fastest lockstep run; the rarer the
-/// looks, the less they disturb: messages are then fetched in long rows …
+/// Between two looks. Inputs hold a thousand messages each, a tenth of a second of the fastest lockstep run; the rarer
+/// the looks, the less they disturb: messages are then fetched in long rows …
 const LOOK_NS: u64 = 20_000_000;
 /// … but only four of the planner's half-megabyte questions are held, of which two are open at a time.
 const LOOK_AT_PLANS_NS: u64 = 1_500_000;
@@ -49,7 +49,8 @@ pub struct WatchPorts {
 }
 
 impl WatchPorts {
-    /// Subscribes. `expects_plans`: whether the planner may be imagining, so that looks must be frequent from the start.
+    /// Subscribes. `expects_plans`: whether the planner may be imagining, so that looks must be frequent from the
+    /// start.
     ///
     /// # Errors
     /// [`PortError`], as when the set speaks another version of a message.

@@ -4,17 +4,18 @@
 //! was sent, how long its sender had computed since its last step ended, and when its cause was sensed. Everything else
 //! follows:
 //!
-//! - A process *began* at `sent − compute`. That is exact when it computed in one piece. Where it computed a little, waited
-//!   for another input and computed on, the last piece began later than that by what it had computed before: the waits
-//!   stated here are then too short by as much (about a microsecond for a look at the first input). They are too long only by
-//!   what passes between the port's two readings of the clock, for what was computed and for when it was sent.
-//! - A message *waited* from its sending to the moment when the receiver began. With several inputs only the newest made
-//!   the receiver wait; the others lay there meanwhile. Both are reported.
-//! - Where `sent − compute` lies before the newest input was sent, the process must have computed before it came. The wait
-//!   is then stated as zero, and counted as clamped.
-//! - The planner waits within its step for the human model's answers. Its questions carry its compute time so far, which
-//!   gives the pieces in between. The human model's compute time since its last step includes the answers that it gave;
-//!   the last answer's header says how much that was.
+//! - A process *began* at `sent − compute`. That is exact when it computed in one piece. Where it computed a little,
+//!   waited for another input and computed on, the last piece began later than that by what it had computed before: the
+//!   waits stated here are then too short by as much (about a microsecond for a look at the first input). They are too
+//!   long only by what passes between the port's two readings of the clock, for what was computed and for when it was
+//!   sent.
+//! - A message *waited* from its sending to the moment when the receiver began. With several inputs only the newest
+//!   made the receiver wait; the others lay there meanwhile. Both are reported.
+//! - Where `sent − compute` lies before the newest input was sent, the process must have computed before it came. The
+//!   wait is then stated as zero, and counted as clamped.
+//! - The planner waits within its step for the human model's answers. Its questions carry its compute time so far,
+//!   which gives the pieces in between. The human model's compute time since its last step includes the answers that it
+//!   gave; the last answer's header says how much that was.
 
 use crate::graph::{EDGES, Edge, GraphTopic, HUMAN, PLANNER};
 use crate::table::{ImaginationMarks, SendMark, StepTable};
@@ -55,7 +56,8 @@ pub struct Stretch {
 pub enum StretchKind {
     /// It computes the message that ends its step.
     Compute(GraphTopic),
-    /// It could begin, for its newest input is there, but has not: it is being woken, does something else, or has no core.
+    /// It could begin, for its newest input is there, but has not: it is being woken, does something else, or has no
+    /// core.
     Wait(GraphTopic),
     /// The planner waits for answers.
     AwaitAnswers,
@@ -287,7 +289,8 @@ impl StepReader<'_> {
         out
     }
 
-    /// What `output` of a step goes back to, as far as `from`: stretches in order, without gaps, clipped to start there.
+    /// What `output` of a step goes back to, as far as `from`: stretches in order, without gaps, clipped to start
+    /// there.
     pub fn path(&self, output: GraphTopic, episode: u32, step: u32, from: u64) -> Vec<Stretch> {
         let mut path = Vec::new();
         let (mut output, mut step) = (output, step);

@@ -1,9 +1,9 @@
 //! Latency of a hop between two processes, and of a lockstep tick of the whole set with nothing to compute.
 //!
-//! `cargo bench -p runtime --bench hop` starts itself again as the processes. A hop counts from the sender's stamp to the
-//! receiver's return from its wait; `blocking` sleeps in `poll(2)`, `polling` spins. A tick counts from one LIDAR frame to
-//! the next through world, driver, belief, human, planner and renderer, with the recorder looking on, waiting for the
-//! same messages as the real ones do. Tails are whole: nothing is filtered.
+//! `cargo bench -p runtime --bench hop` starts itself again as the processes. A hop counts from the sender's stamp to
+//! the receiver's return from its wait; `blocking` sleeps in `poll(2)`, `polling` spins. A tick counts from one LIDAR
+//! frame to the next through world, driver, belief, human, planner and renderer, with the recorder looking on, waiting
+//! for the same messages as the real ones do. Tails are whole: nothing is filtered.
 
 use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Outcome, ProcessState, RobotBelief,

@@ -59,7 +59,8 @@ impl Kept {
     }
 }
 
-/// The system's allocator with a counter, and a few kept blocks, per thread. The `mirror` program and the processes' tests install it:
+/// The system's allocator with a counter, and a few kept blocks, per thread. The `mirror` program and the processes'
+/// tests install it:
 ///
 /// ```
 /// #[global_allocator]

@@ -18,7 +18,8 @@ pub enum ClockMode {
 }
 
 /// A process's place in a run. The launcher makes one with [`RunArguments::new`], derives each process's from it with
-/// [`RunArguments::for_process`] and passes it as a file ([`RunArguments::write`]) or as text ([`RunArguments::to_json`]).
+/// [`RunArguments::for_process`] and passes it as a file ([`RunArguments::write`]) or as text
+/// ([`RunArguments::to_json`]).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunArguments {
@@ -118,7 +119,8 @@ impl RunArguments {
 
     /// One line of JSON.
     pub fn to_json(&self) -> String {
-        // Strings, numbers and a path: serialising fails only for a path that is not UTF-8, which `new` lets nobody use.
+        // Strings, numbers and a path: serialising fails only for a path that is not UTF-8, which `new` lets nobody
+        // use.
         serde_json::to_string(self).unwrap_or_default()
     }
 

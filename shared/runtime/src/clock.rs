@@ -1,8 +1,8 @@
 //! Time: the clock that all processes of a run share, and the real-time ticker.
 //!
-//! The clock is `CLOCK_MONOTONIC` without the time for which the whole set was suspended. Its launcher notes that time on a
-//! page of memory that every process maps, while all of them are stopped: nobody sees the clock jump, no deadline passes
-//! meanwhile, and no latency contains the pause.
+//! The clock is `CLOCK_MONOTONIC` without the time for which the whole set was suspended. Its launcher notes that time
+//! on a page of memory that every process maps, while all of them are stopped: nobody sees the clock jump, no deadline
+//! passes meanwhile, and no latency contains the pause.
 
 use core::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 use std::fs::OpenOptions;
@@ -11,11 +11,12 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// End of the name of the page's file in an instance's directory, after the prefix of all names that are the instance's.
+/// End of the name of the page's file in an instance's directory, after the prefix of all names that are the
+/// instance's.
 const PAGE: &str = "clock";
 
-/// Nanoseconds for which the set was suspended; null as long as this process has joined none. Once mapped, a page stays:
-/// another thread may be reading it.
+/// Nanoseconds for which the set was suspended; null as long as this process has joined none. Once mapped, a page
+/// stays: another thread may be reading it.
 static SUSPENDED_NS: AtomicPtr<AtomicU64> = AtomicPtr::new(core::ptr::null_mut());
 
 /// The page with the time for which the set was suspended, if this process has joined one.

@@ -1,11 +1,11 @@
 //! Imagination across a process border: the planner's questions, the human model's answers.
 //!
-//! Questions and answers are two topics, `human/imagine` and `human/imagine/answer`, of a publish-subscribe service each,
-//! without history. iceoryx2 0.10 has a request-response pattern too, but it allocates a counter on the heap for every
-//! request that a server receives (`Server::create_active_request`), cannot be listened to by a third, and would need its
-//! own event service, sequence numbers and loss counts, which topics have. A question names its group and phase, an
-//! answer repeats them; several groups may be on their way at once, so that one process imagines a group's futures while
-//! the other thinks about the next group's people.
+//! Questions and answers are two topics, `human/imagine` and `human/imagine/answer`, of a publish-subscribe service
+//! each, without history. iceoryx2 0.10 has a request-response pattern too, but it allocates a counter on the heap for
+//! every request that a server receives (`Server::create_active_request`), cannot be listened to by a third, and would
+//! need its own event service, sequence numbers and loss counts, which topics have. A question names its group and
+//! phase, an answer repeats them; several groups may be on their way at once, so that one process imagines a group's
+//! futures while the other thinks about the next group's people.
 
 use crate::error::{NodeError, PortError};
 use crate::input::{Input, Receive, Source};
@@ -142,8 +142,8 @@ impl RequestServer {
     }
 
     /// Takes every question that waits and answers it in place: `answer` gets the question and the answer, whose group,
-    /// phase and rows are filled in and whose actions still hold older numbers. A question about a step that is not this
-    /// process's turn is left to the process whose it is.
+    /// phase and rows are filled in and whose actions still hold older numbers. A question about a step that is not
+    /// this process's turn is left to the process whose it is.
     ///
     /// # Errors
     /// [`PortError`].

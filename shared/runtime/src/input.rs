@@ -117,8 +117,9 @@ pub trait Source {
     fn descriptor(&self) -> RawFd;
     /// Has the next [`Source::drain`] empty the listener: its descriptor is readable, or may be in need of it.
     fn mark_notified(&mut self);
-    /// Empties the listener, so that its descriptor is readable only for what comes later, and returns how many notifications
-    /// it held. None, and nothing happens, where no message was taken since that was last done, and nothing marked it.
+    /// Empties the listener, so that its descriptor is readable only for what comes later, and returns how many
+    /// notifications it held. None, and nothing happens, where no message was taken since that was last done, and
+    /// nothing marked it.
     fn drain(&mut self) -> Option<u64>;
 }
 
@@ -204,9 +205,9 @@ impl<M: Message> Input<M> {
         self
     }
 
-    /// The same input, which in lockstep hears of every step once: what is not later than the message taken last repeats it, as
-    /// the successor of a dead process does with its last words, and is passed over. In real time a second message about a
-    /// step says something new, such as a display that shows a late decision, and is heard.
+    /// The same input, which in lockstep hears of every step once: what is not later than the message taken last
+    /// repeats it, as the successor of a dead process does with its last words, and is passed over. In real time a
+    /// second message about a step says something new, such as a display that shows a late decision, and is heard.
     #[must_use]
     pub fn once_in(mut self, clock: ClockMode) -> Self {
         self.once = clock == ClockMode::Lockstep;

@@ -1,9 +1,10 @@
 //! Instances: named process sets that never meet, and removing what a killed one left.
 //!
-//! An instance lives in `<root>/<name>/` (iceoryx2's nodes, services and sockets, and the arguments of its processes), in
-//! files of `/dev/shm` that start with a prefix derived from root and name (the messages), and in `<root>/<name>.lock`,
-//! which its launcher holds locked: the kernel releases it however the launcher ends. The lock file itself
-//! stays. Where the usual root is, [`root_for`] says. Root and directories are this user's alone, or they are not used.
+//! An instance lives in `<root>/<name>/` (iceoryx2's nodes, services and sockets, and the arguments of its processes),
+//! in files of `/dev/shm` that start with a prefix derived from root and name (the messages), and in
+//! `<root>/<name>.lock`, which its launcher holds locked: the kernel releases it however the launcher ends. The lock
+//! file itself stays. Where the usual root is, [`root_for`] says. Root and directories are this user's alone, or they
+//! are not used.
 
 use crate::error::InstanceError;
 use crate::service::Ipc;

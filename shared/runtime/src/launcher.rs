@@ -135,7 +135,8 @@ impl Launcher {
         }
     }
 
-    /// Reports that waited for the launcher to look up, though it had been notified: 0 unless the transport lost a wake-up.
+    /// Reports that waited for the launcher to look up, though it had been notified: 0 unless the transport lost a
+    /// wake-up.
     pub fn lost_wakeups(&self) -> u64 {
         self.sleeper.lost_wakeups()
     }
@@ -151,8 +152,8 @@ impl Launcher {
     /// Waits until every one of `processes` said that it is ready. `children` are their process descriptors.
     ///
     /// # Errors
-    /// [`NodeError::NotReady`] at the deadline, when a child ends, or on a signal; [`NodeError::ProcessFailed`] when one
-    /// says so.
+    /// [`NodeError::NotReady`] at the deadline, when a child ends, or on a signal; [`NodeError::ProcessFailed`] when
+    /// one says so.
     pub fn wait_ready(
         &mut self,
         processes: &[&str],
@@ -219,8 +220,8 @@ impl Launcher {
         self.command(ControlCommand::TakeOver, index, handover_step)
     }
 
-    /// Has a process be silent from `handover_step` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It answers as for
-    /// [`Launcher::take_over`].
+    /// Has a process be silent from `handover_step` on, or, at [`NEVER`](crate::NEVER), take back that it shall. It
+    /// answers as for [`Launcher::take_over`].
     ///
     /// # Errors
     /// [`PortError`].
@@ -261,8 +262,8 @@ impl Launcher {
         self.command(ControlCommand::Connect, Control::EVERYBODY, (0, 0))
     }
 
-    /// Tells a lockstep world how far the launcher has taken in what was sent, and which recorder it is to wait for, by its
-    /// place in launch order. A world that was told once waits for both: say it some times a second.
+    /// Tells a lockstep world how far the launcher has taken in what was sent, and which recorder it is to wait for, by
+    /// its place in launch order. A world that was told once waits for both: say it some times a second.
     ///
     /// # Errors
     /// [`PortError`].

@@ -1,16 +1,16 @@
 //! What every MIRROR process is built on: its node, its ports, waiting, clocks, stage timing and a clean end.
 //!
-//! A process is one loop over a [`Node`], inside [`run_process`]: make the ports, say [`Node::ready`], then wait, compute
-//! and send until [`Wake::Stop`]. The launcher's side is [`Launcher`]. Runs are kept apart by [`RunArguments`]: every instance has its
-//! own directory below the root and its own prefix for shared memory (see [`instance`]).
+//! A process is one loop over a [`Node`], inside [`run_process`]: make the ports, say [`Node::ready`], then wait,
+//! compute and send until [`Wake::Stop`]. The launcher's side is [`Launcher`]. Runs are kept apart by [`RunArguments`]:
+//! every instance has its own directory below the root and its own prefix for shared memory (see [`instance`]).
 //!
 //! What allocates, measured with [`CountingAllocator`] and read in iceoryx2 0.10's source: making nodes, services and
-//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning a message takes
-//! one small block inside iceoryx2 each time (a reference counter); [`CountingAllocator`] hands it the block of an earlier
-//! loan, so that none is asked of the system. Sending, notifying, receiving and releasing make no allocation, and
-//! neither does [`Node::wait`], which calls `poll(2)` on the listeners' descriptors because iceoryx2's own wait set
-//! collects what woke it in a fresh vector each time. Its request-response allocates once more for every request received;
-//! see [`RequestServer`] for what is used instead.
+//! ports does, and so does the first send or receive after a port of the other side came or went. Loaning a message
+//! takes one small block inside iceoryx2 each time (a reference counter); [`CountingAllocator`] hands it the block of
+//! an earlier loan, so that none is asked of the system. Sending, notifying, receiving and releasing make no
+//! allocation, and neither does [`Node::wait`], which calls `poll(2)` on the listeners' descriptors because iceoryx2's
+//! own wait set collects what woke it in a fresh vector each time. Its request-response allocates once more for every
+//! request received; see [`RequestServer`] for what is used instead.
 
 pub mod alloc_count;
 mod arguments;

@@ -1,5 +1,5 @@
-//! A process's place in a run: it makes the ports, and counts steps. How it waits stands in `wait.rs`, how it heeds the launcher
-//! in `control.rs`, what it reports in `report.rs`.
+//! A process's place in a run: it makes the ports, and counts steps. How it waits stands in `wait.rs`, how it heeds the
+//! launcher in `control.rs`, what it reports in `report.rs`.
 
 use crate::alloc_count::{allocations, transport_allocations};
 use crate::arguments::RunArguments;
@@ -137,8 +137,8 @@ impl Node {
         RequestServer::new(self)
     }
 
-    /// Tells the launcher that all ports stand, and waits for its start: [`Wake::Message`], or [`Wake::Stop`] if the run
-    /// ends before it began. No message is lost that is sent after everybody's start.
+    /// Tells the launcher that all ports stand, and waits for its start: [`Wake::Message`], or [`Wake::Stop`] if the
+    /// run ends before it began. No message is lost that is sent after everybody's start.
     ///
     /// # Errors
     /// [`NodeError::Port`], [`NodeError::System`].
@@ -156,8 +156,8 @@ impl Node {
         Ok(Wake::Message)
     }
 
-    /// Connects this process's ports to those that others made since. [`Node::ready`], sends, receives and long waits do
-    /// it anyway.
+    /// Connects this process's ports to those that others made since. [`Node::ready`], sends, receives and long waits
+    /// do it anyway.
     pub fn connect(&self) {
         self.shared.connect();
     }
@@ -167,8 +167,9 @@ impl Node {
         self.stopped || signal::stop_requested()
     }
 
-    /// Whether it is this process's to send what is about this position: not while it is on standby, and not from the handover step on
-    /// at which it handed over. [`Output`]s heed it by themselves; a process asks in order to leave out work.
+    /// Whether it is this process's to send what is about this position: not while it is on standby, and not from the
+    /// handover step on at which it handed over. [`Output`]s heed it by themselves; a process asks in order to leave
+    /// out work.
     pub fn is_active(&self, episode: u32, step: u32) -> bool {
         self.shared.turn.is_active((episode, step))
     }

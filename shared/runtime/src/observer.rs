@@ -1,4 +1,5 @@
-//! Somebody who only watches a running set: no process of it, started and ended by somebody else, and waited for by nobody.
+//! Somebody who only watches a running set: no process of it, started and ended by somebody else, and waited for by
+//! nobody.
 
 use crate::arguments::{ClockMode, RunArguments};
 use crate::clock::now_ns;

@@ -260,8 +260,8 @@ pub struct Loan<'output, M: Message> {
 }
 
 impl<M: Message> Loan<'_, M> {
-    /// Stamps the header, sends the message and wakes those who wait for it. A process that is on standby, or has handed
-    /// over, holds it back instead: see [`Node::is_active`](crate::Node::is_active).
+    /// Stamps the header, sends the message and wakes those who wait for it. A process that is on standby, or has
+    /// handed over, holds it back instead: see [`Node::is_active`](crate::Node::is_active).
     ///
     /// # Errors
     /// [`PortError::Send`].

@@ -5,8 +5,8 @@ use crate::error::NodeError;
 use crate::node::Node;
 use core::fmt::Display;
 
-/// Joins the run, does `work` until the run ends, and tells the launcher that it ended well, or why it did not. An error's
-/// alternate form (`{:#}`), which names its causes, is what the launcher hears.
+/// Joins the run, does `work` until the run ends, and tells the launcher that it ended well, or why it did not. An
+/// error's alternate form (`{:#}`), which names its causes, is what the launcher hears.
 ///
 /// # Errors
 /// When the run cannot be joined; what `work` gives; or, after work that ended well, when the launcher cannot be told.

@@ -28,7 +28,8 @@ impl Node {
             .collect()
     }
 
-    /// Messages that waited for the process to look up though it had been notified: 0 unless the transport lost a wake-up.
+    /// Messages that waited for the process to look up though it had been notified: 0 unless the transport lost a
+    /// wake-up.
     pub fn lost_wakeups(&self) -> u64 {
         self.sleeper.lost_wakeups()
     }

@@ -16,7 +16,8 @@ pub(crate) type WakeEvent = event::PortFactory<Ipc>;
 pub const DEFAULT_BUFFER: usize = 64;
 /// Messages that the recorder's inputs hold: half a second of the fastest lockstep run.
 pub const RECORDER_BUFFER: usize = 1024;
-/// Messages of the launcher and the processes to each other that a recorder's inputs hold: about ten seconds of reports.
+/// Messages of the launcher and the processes to each other that a recorder's inputs hold: about ten seconds of
+/// reports.
 const RUN_BUFFER: usize = 3 * DEFAULT_BUFFER;
 /// Messages that somebody who joins late still gets: what a process that starts again after a death needs for the step
 /// at which the others wait for it, and the steps before it to catch up on.

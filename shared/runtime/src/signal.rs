@@ -1,10 +1,10 @@
-//! How a process learns that it has to end: SIGTERM, SIGINT, SIGHUP unless it was ignored from the start, or its launcher's
-//! death.
+//! How a process learns that it has to end: SIGTERM, SIGINT, SIGHUP unless it was ignored from the start, or its
+//! launcher's death.
 //!
 //! The handlers only set a flag and write to an event descriptor, which every wait polls; so no wait can miss a signal
 //! that came just before it. The launcher's death arrives twice over: as SIGHUP by `PR_SET_PDEATHSIG`, and through a
-//! process descriptor in the polled set (which also works for a process that a shell started for the launcher). An alarm
-//! then ends, after a second, a process too busy to look.
+//! process descriptor in the polled set (which also works for a process that a shell started for the launcher). An
+//! alarm then ends, after a second, a process too busy to look.
 
 use crate::error::NodeError;
 use crate::instance;

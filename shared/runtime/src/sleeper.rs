@@ -21,34 +21,36 @@ const NAP_NS: u64 = 1_000_000;
 /// 3. sends a datagram,
 /// 4. turns PENDING to NOTIFIED.
 ///
-/// Who empties a listener (`try_wait`) turns NOTIFIED to IDLE and receives one datagram. If the state was not NOTIFIED, it
-/// receives one, sets IDLE, *receives one more*; in both cases it then collects the counts. The step in italics is the
-/// fault: a notification whose 2 and 3 fall between "sets IDLE" and "receives one more" loses its datagram, and its 4 then
-/// says NOTIFIED over an empty socket. From then on every sender goes home at 2, and a process that only empties what `ppoll`
-/// reports never resets the state.
+/// Who empties a listener (`try_wait`) turns NOTIFIED to IDLE and receives one datagram. If the state was not NOTIFIED,
+/// it receives one, sets IDLE, *receives one more*; in both cases it then collects the counts. The step in italics is
+/// the fault: a notification whose 2 and 3 fall between "sets IDLE" and "receives one more" loses its datagram, and its
+/// 4 then says NOTIFIED over an empty socket. From then on every sender goes home at 2, and a process that only empties
+/// what `ppoll` reports never resets the state.
 ///
 /// # The order that finds it
 ///
-/// *Empty, look at the messages, sleep.* A listener is emptied if, since it was last emptied, a message was taken from it or its
-/// descriptor was readable; if any was, the messages are looked at before sleeping. Nobody waits for a swallowed datagram:
+/// *Empty, look at the messages, sleep.* A listener is emptied if, since it was last emptied, a message was taken from
+/// it or its descriptor was readable; if any was, the messages are looked at before sleeping. Nobody waits for a
+/// swallowed datagram:
 ///
-/// - Its message was sent before its notification, so the look that follows the emptying finds it. A message was then taken,
-///   so the listener is emptied again before the next sleep, which resets the state.
-/// - A sender that goes home at 2 has sent its message before; the emptying that resets that NOTIFIED comes after, and a look
-///   after that.
-/// - A listener that is not emptied loses nothing: only emptying removes datagrams. More would not be safer, because each
-///   emptying may swallow. In the usual order of things it cannot: the process was woken by a datagram, has worked since, and
-///   finds NOTIFIED and the datagram.
+/// - Its message was sent before its notification, so the look that follows the emptying finds it. A message was then
+///   taken, so the listener is emptied again before the next sleep, which resets the state.
+/// - A sender that goes home at 2 has sent its message before; the emptying that resets that NOTIFIED comes after, and
+///   a look after that.
+/// - A listener that is not emptied loses nothing: only emptying removes datagrams. More would not be safer, because
+///   each emptying may swallow. In the usual order of things it cannot: the process was woken by a datagram, has worked
+///   since, and finds NOTIFIED and the datagram.
 ///
 /// One case is left to the clock. The swallowed datagram's message may have been taken *before* its notification, by a
-/// process that was awake for another reason; then the look finds nothing, and 4 may come after it. So the first sleep after
-/// an emptying is a nap of at most [`NAP_NS`], after which the listeners are emptied once more: by then the sender has done its
+/// process that was awake for another reason; then the look finds nothing, and 4 may come after it. So the first sleep
+/// after an emptying is a nap of at most [`NAP_NS`], after which the listeners are emptied once more: by then the
+/// sender has done its
 /// 4. `tests/wakeup_order.rs` goes through every interleaving of this.
 ///
 /// What remains is a sender that loses the processor for longer than a nap between a message and its notification, that
 /// message being taken meanwhile, and comes back just within the second emptying. That delays a later message, once, by
-/// at most [`LOOK_UP_NS`]: whenever a sleep ends without a readable descriptor, every listener is emptied whatever is known
-/// of it. [`Sleeper::lost_wakeups`] counts the messages that a process then finds after it has slept for so long.
+/// at most [`LOOK_UP_NS`]: whenever a sleep ends without a readable descriptor, every listener is emptied whatever is
+/// known of it. [`Sleeper::lost_wakeups`] counts the messages that a process then finds after it has slept for so long.
 pub(crate) struct Sleeper {
     /// What to sleep on.
     pub(crate) poll: Poll,
@@ -85,8 +87,8 @@ impl Sleeper {
         self.lost_wakeups
     }
 
-    /// Before a sleep: empties a listener if it is in need of it. If this is true for any, the messages are to be looked at
-    /// again before sleeping.
+    /// Before a sleep: empties a listener if it is in need of it. If this is true for any, the messages are to be
+    /// looked at again before sleeping.
     pub(crate) fn empty(&mut self, source: &mut dyn Source) -> bool {
         let has_emptied = source.drain().is_some();
         self.has_emptied |= has_emptied;

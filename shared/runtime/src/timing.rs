@@ -2,7 +2,8 @@
 
 use hdrhistogram::Histogram;
 
-/// Compute times with three significant digits up to a minute. What is longer counts as a minute, and keeps the maximum.
+/// Compute times with three significant digits up to a minute. What is longer counts as a minute, and keeps the
+/// maximum.
 pub struct StageTimer {
     histogram: Option<Histogram<u64>>,
     longest_ns: u64,

@@ -2,8 +2,8 @@
 //!
 //! iceoryx2's ports are generic, and each message's would be compiled once more in every crate that opens them: most of
 //! the time that this workspace took to build. Its other languages' bindings describe the type at run time instead
-//! (`CustomPayloadMarker`); so do we. On the wire nothing differs: services carry the same type name, size, alignment and
-//! attribute as with typed ports, and either opens the other's.
+//! (`CustomPayloadMarker`); so do we. On the wire nothing differs: services carry the same type name, size, alignment
+//! and attribute as with typed ports, and either opens the other's.
 
 use crate::service::Ipc;
 use iceoryx2::port::publisher::Publisher;
@@ -40,8 +40,8 @@ pub(crate) fn builder(
         .service_builder(name)
         .publish_subscribe::<Bytes>()
         .user_header::<CustomHeaderMarker>();
-    // SAFETY: payloads are only read and written by `Loan::message` and `Received::message`, as messages of the described
-    // size and alignment; nobody touches user headers, which are described as empty.
+    // SAFETY: payloads are only read and written by `Loan::message` and `Received::message`, as messages of the
+    // described size and alignment; nobody touches user headers, which are described as empty.
     unsafe {
         builder
             .__internal_set_payload_type_details(&payload.0)
@@ -69,8 +69,8 @@ impl RawPublisher {
 
     /// Memory for a message. It holds an older one, or zeros.
     pub(crate) fn loan(&self) -> Result<RawLoan, String> {
-        // SAFETY: one element of a type of fixed size. iceoryx2 zeroes a segment when it makes it, and only messages are
-        // written to it later, so that every byte is initialised.
+        // SAFETY: one element of a type of fixed size. iceoryx2 zeroes a segment when it makes it, and only messages
+        // are written to it later, so that every byte is initialised.
         unsafe {
             self.0
                 .loan_custom_payload(1)
@@ -91,8 +91,8 @@ pub(crate) struct RawLoan(SampleMut<Ipc, Bytes, CustomHeaderMarker>);
 impl RawLoan {
     pub(crate) fn message<M: Message>(&self) -> &M {
         let bytes = self.0.payload();
-        // SAFETY: the pointer is to initialised bytes of the message's size and alignment, and messages are plain numbers,
-        // for which every bit pattern is a value.
+        // SAFETY: the pointer is to initialised bytes of the message's size and alignment, and messages are plain
+        // numbers, for which every bit pattern is a value.
         unsafe { &*message_at::<M>(bytes.as_ptr().cast_mut().cast(), bytes.len()) }
     }
 

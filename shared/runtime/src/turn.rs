@@ -1,9 +1,9 @@
 //! When a process is active: from one step of the run on, until another. Its messages are sent then, and only then.
 //!
-//! A process that takes over from another first runs beside it in silence. It reads the same messages, and computes, but
-//! what it would send is held back; from the handover step on it is active, and its predecessor is silent. Positions are ordered by
-//! episode, then step, so that a handover step that an episode's early end leaves out is crossed by the next episode's first
-//! step.
+//! A process that takes over from another first runs beside it in silence. It reads the same messages, and computes,
+//! but what it would send is held back; from the handover step on it is active, and its predecessor is silent.
+//! Positions are ordered by episode, then step, so that a handover step that an episode's early end leaves out is
+//! crossed by the next episode's first step.
 
 use core::cell::Cell;
 
@@ -72,7 +72,8 @@ impl Turn {
         true
     }
 
-    /// Is silent from `handover_step` on. False, and nothing changes, if something was sent about a later position already.
+    /// Is silent from `handover_step` on. False, and nothing changes, if something was sent about a later position
+    /// already.
     pub(crate) fn hand_over(&self, handover_step: Position) -> bool {
         if self.sent.get() >= Some(handover_step) {
             return false;

@@ -1,4 +1,5 @@
-//! How a process waits: for messages, for a step's messages, for its turn, for a beat of the clock; and for its launcher always.
+//! How a process waits: for messages, for a step's messages, for its turn, for a beat of the clock; and for its
+//! launcher always.
 
 use crate::clock::{Ticker, now_ns};
 use crate::error::NodeError;
@@ -52,8 +53,8 @@ impl Node {
     }
 
     /// Waits until every one of `sources` holds its message of this episode and step as the current one: lockstep.
-    /// [`Wake::Passed`] if an in-order source has a later message instead, as it happens to one that joins late or after
-    /// a death.
+    /// [`Wake::Passed`] if an in-order source has a later message instead, as it happens to one that joins late or
+    /// after a death.
     ///
     /// # Errors
     /// As [`Node::wait`].

@@ -1,4 +1,5 @@
-//! The runtime's promises over real processes: this test program starts itself again as world, echo, human and launcher.
+//! The runtime's promises over real processes: this test program starts itself again as world, echo, human and
+//! launcher.
 
 mod support;
 
@@ -439,8 +440,9 @@ fn a_latecomer_gets_the_last_messages() {
     assert_eq!((late.received(), late.lost()), (HISTORY as u64 + 1, 0));
 }
 
-/// The successor of a process that died while it sent repeats its last words: some heard them, some did not. In real time a second
-/// display of a step shows a decision that came late.
+/// The successor of a process that died while it sent repeats its last words: some heard them, some did not. In real
+/// time a second display of a step shows a decision that came late.
+#[test]
 fn what_a_successor_repeats_is_heard_once() {
     let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "repeated");

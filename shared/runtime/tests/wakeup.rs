@@ -1,6 +1,6 @@
-//! A wake-up that iceoryx2 0.10 loses (see `src/sleeper.rs`): its listener says that it was notified, over a socket without
-//! a datagram, so that nobody sends one any more. Here the datagram is taken out of the socket by hand, which leaves
-//! exactly that state.
+//! A wake-up that iceoryx2 0.10 loses (see `src/sleeper.rs`): its listener says that it was notified, over a socket
+//! without a datagram, so that nobody sends one any more. Here the datagram is taken out of the socket by hand, which
+//! leaves exactly that state.
 
 use iceoryx2::prelude::*;
 use messages::{LidarFrame, topic};

@@ -158,7 +158,8 @@ impl State {
                     _ => Process::Look,
                 }
             }
-            // A nap is longer than a notification takes; then the listener is emptied, and the next sleep is a long one.
+            // A nap is longer than a notification takes; then the listener is emptied, and the next sleep is a long
+            // one.
             Process::Nap if self.senders_rest() => Process::Reset,
             Process::Nap | Process::Sleep => return None,
         };

@@ -3,8 +3,8 @@
 use domains::discrete::Scene;
 use serde::{Deserialize, Serialize};
 
-/// The kind of world, with what is known of it: `H` on the highway, `G` in a gridworld, where the scene says it all unless
-/// somebody needs more. As JSON, an object with one key, `highway` or `gridworld`.
+/// The kind of world, with what is known of it: `H` on the highway, `G` in a gridworld, where the scene says it all
+/// unless somebody needs more. As JSON, an object with one key, `highway` or `gridworld`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 // One of them exists, once.
@@ -40,7 +40,8 @@ impl<H, G> Scenario<H, G> {
     }
 }
 
-/// As JSON, the gridworld's scene, and null for the highway: for processes that need to know nothing about the highway's.
+/// As JSON, the gridworld's scene, and null for the highway: for processes that need to know nothing about the
+/// highway's.
 pub mod scene_or_null {
     use super::{Scenario, Scene};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
