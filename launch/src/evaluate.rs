@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use crate::gridworld;
 use crate::inputs;
 use crate::learn::command_line;
+use crate::results_file::results_file;
 use crate::screen::Progress;
 use crate::{evaluate_all, evaluate_real};
 use anyhow::{Context, Result};
@@ -14,7 +15,7 @@ use experiments::drive::{Condition, Study};
 use experiments::drive_report::{ConditionSummary, Report};
 use experiments::implants;
 use planning::Settings;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
@@ -144,11 +145,6 @@ const QUICK_SAMPLES: usize = 200;
 /// The highway's people, and rounds that implants are learned from: each of the six cases once.
 const PEOPLE: u32 = 21;
 const ROUNDS: usize = 6;
-
-/// Where a study's section is written.
-pub(crate) fn results_file(given: Option<&Path>, out: &Path) -> PathBuf {
-    given.map_or_else(|| out.join("RESULTS.md"), Path::to_owned)
-}
 
 fn print_drive(report: &Report) {
     out!(

@@ -2,9 +2,10 @@
 
 use crate::cli::{Cli, Command, EvaluateAllArguments};
 use crate::console::out;
-use crate::evaluate::{evaluate, results_file};
+use crate::evaluate::evaluate;
 use crate::failure::Failure;
 use crate::learn::command_line;
+use crate::results_file::results_file;
 use anyhow::{Context, anyhow};
 use clap::Parser;
 use experiments::results::write_section;

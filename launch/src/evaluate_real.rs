@@ -2,10 +2,10 @@
 
 use crate::cli::EvaluateRealArguments;
 use crate::console::out;
-use crate::evaluate::results_file;
 use crate::failure::Failure;
 use crate::inputs;
 use crate::learn::command_line;
+use crate::results_file::results_file;
 use crate::screen::Progress;
 use anyhow::Context;
 use domains::commonroad::shipped;

@@ -23,6 +23,7 @@ mod place;
 mod process;
 mod profile;
 mod replay;
+mod results_file;
 mod scenes;
 mod screen;
 mod suspend;

@@ -6,9 +6,9 @@ use crate::cli::{
     GridworldStudyArguments,
 };
 use crate::console::out;
-use crate::evaluate::results_file;
 use crate::failure::Failure;
 use crate::learn::command_line;
+use crate::results_file::results_file;
 use crate::screen::Progress;
 use anyhow::{Context, Result, anyhow, ensure};
 use domains::discrete::Domain;

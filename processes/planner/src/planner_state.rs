@@ -16,7 +16,7 @@ pub struct PlannerState {
     planner: DomainPlanner,
     settings: Settings,
     mean: Tensor,
-    deviation: Tensor,
+    std: Tensor,
     /// What the person does, as models take it.
     action: Tensor,
     seed: u64,
@@ -65,7 +65,7 @@ impl PlannerState {
             planner,
             settings: options.settings,
             mean: Tensor::new(latent, 1),
-            deviation: Tensor::new(latent, 1),
+            std: Tensor::new(latent, 1),
             action: Tensor::new(actions, 1),
             seed: options.seed,
             step_s: options.step_s,
@@ -112,7 +112,7 @@ impl PlannerState {
         self.mean
             .column_mut(0)
             .copy_from_slice(&belief.mean[..latent]);
-        self.deviation
+        self.std
             .column_mut(0)
             .copy_from_slice(&belief.deviation[..latent]);
         // A whole number of steps must not become one more by rounding. The decision is for the step after this one.
@@ -126,7 +126,7 @@ impl PlannerState {
         }
         let from = From {
             mean: &self.mean,
-            deviation: &self.deviation,
+            deviation: &self.std,
             known_action: choice.map(|_| self.action.column(0)),
             speech_ready_steps: ready_steps.saturating_sub(1),
             seed: self.seed,

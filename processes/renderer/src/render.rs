@@ -4,7 +4,7 @@ use messages::{CommAction, Display, Header, Outcome, Picture, Sensed};
 use std::io;
 
 /// For how many steps a decision stays in force when the next is late, in real time.
-const HOLD_STEPS: u32 = 2;
+const IN_FORCE_STEPS: u32 = 2;
 
 /// Turns decisions into what is shown and said.
 pub trait Render {
@@ -51,5 +51,5 @@ pub trait Tell {
 /// Whether a decision is for what is sensed at a step, or for a step shortly before it that no other has followed.
 pub fn is_in_force(decision: &CommAction, sensed: &Header) -> bool {
     let age = sensed.step.checked_sub(decision.header.step);
-    decision.header.episode == sensed.episode && age.is_some_and(|age| age <= HOLD_STEPS)
+    decision.header.episode == sensed.episode && age.is_some_and(|age| age <= IN_FORCE_STEPS)
 }

