@@ -165,9 +165,9 @@ impl ControlSocket {
         let mut at = 0;
         while at < self.callers.len() {
             match self.callers[at].hear() {
-                Received::Nothing => at += 1,
-                Received::Gone => drop(self.callers.swap_remove(at)),
-                Received::Question(question) => {
+                CallerInput::Nothing => at += 1,
+                CallerInput::Gone => drop(self.callers.swap_remove(at)),
+                CallerInput::Question(question) => {
                     return Some((self.callers.swap_remove(at), question));
                 }
             }
@@ -176,29 +176,29 @@ impl ControlSocket {
     }
 }
 
-enum Received {
+enum CallerInput {
     Nothing,
     Gone,
     Question(Result<Question, String>),
 }
 
 impl Caller {
-    fn hear(&mut self) -> Received {
+    fn hear(&mut self) -> CallerInput {
         let mut bytes = [0; 4096];
         loop {
             match self.stream.read(&mut bytes) {
-                Ok(0) => return Received::Gone,
+                Ok(0) => return CallerInput::Gone,
                 Ok(count) => self.heard.extend_from_slice(&bytes[..count]),
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Received::Nothing,
-                Err(_) => return Received::Gone,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return CallerInput::Nothing,
+                Err(_) => return CallerInput::Gone,
             }
             if let Some(end) = self.heard.iter().position(|byte| *byte == b'\n') {
                 let question = serde_json::from_slice(&self.heard[..end]);
-                return Received::Question(question.map_err(|error| error.to_string()));
+                return CallerInput::Question(question.map_err(|error| error.to_string()));
             }
             if self.heard.len() > MOST_BYTES {
-                return Received::Question(Err("a question of more than 64 KiB".to_owned()));
+                return CallerInput::Question(Err("a question of more than 64 KiB".to_owned()));
             }
         }
     }

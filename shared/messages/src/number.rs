@@ -22,7 +22,7 @@ impl fmt::Display for UnknownNumber {
 
 impl std::error::Error for UnknownNumber {}
 
-/// An enum of [`number`](self), described for those who write it in another language.
+/// An enum of numbers, described for those who write it in another language.
 #[derive(Clone, Copy, Debug)]
 pub struct Numbers {
     /// The enum's name, in Rust and in Python.

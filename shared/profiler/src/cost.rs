@@ -65,7 +65,7 @@ pub struct Ratio {
 
 /// What was measured in one turn.
 #[derive(Clone, Copy, Debug)]
-struct Turn {
+struct WatchTurn {
     /// Mean tick, in ns.
     tick: f64,
     /// Processor time of the set for a tick, in ns.
@@ -147,11 +147,11 @@ struct TickMoment {
 }
 
 impl TickMoment {
-    fn since(&self, before: &Self) -> Option<Turn> {
+    fn since(&self, before: &Self) -> Option<WatchTurn> {
         let steps = self.frame.0.checked_sub(before.frame.0)?;
         let tick = self.frame.1.saturating_sub(before.frame.1) as f64 / steps.max(1) as f64;
         let cpu = busy(before.cpu, self.cpu) * tick;
-        (steps > 0).then_some(Turn { tick, cpu })
+        (steps > 0).then_some(WatchTurn { tick, cpu })
     }
 }
 
@@ -194,12 +194,12 @@ fn busy(from: (u64, u64), to: (u64, u64)) -> f64 {
     to.0.saturating_sub(from.0) as f64 / to.1.saturating_sub(from.1).max(1) as f64
 }
 
-fn cost(watched: &[Turn], alone: &[Turn], turn_ns: u64, cpu: (u64, u64)) -> Option<Cost> {
+fn cost(watched: &[WatchTurn], alone: &[WatchTurn], turn_ns: u64, cpu: (u64, u64)) -> Option<Cost> {
     if alone.len() < FEWEST || watched.len() != alone.len() + 1 {
         return None;
     }
     let (cut, confidence) = median_interval(alone.len(), CONFIDENCE);
-    let ratio = |of: fn(&Turn) -> f64| {
+    let ratio = |of: fn(&WatchTurn) -> f64| {
         let mut ratios: Vec<f64> = alone
             .iter()
             .zip(watched.windows(2))
@@ -211,7 +211,7 @@ fn cost(watched: &[Turn], alone: &[Turn], turn_ns: u64, cpu: (u64, u64)) -> Opti
             interval: [ratios[cut], ratios[ratios.len() - 1 - cut]],
         }
     };
-    let middle_us = |turns: &[Turn], of: fn(&Turn) -> f64| {
+    let middle_us = |turns: &[WatchTurn], of: fn(&WatchTurn) -> f64| {
         median(&turns.iter().map(of).collect::<Vec<_>>()) * 1e-3
     };
     Some(Cost {
@@ -274,12 +274,12 @@ mod tests {
     #[test]
     fn a_drift_cancels() {
         // 10 % slower and 5 % more processor time while watched, on a machine that gets 1 % slower with every turn.
-        let turn = |turn: usize, tick: f64, cpu: f64| Turn {
+        let turn = |turn: usize, tick: f64, cpu: f64| WatchTurn {
             tick: tick * (100.0 + turn as f64),
             cpu: cpu * (100.0 + turn as f64),
         };
-        let watched: Vec<Turn> = (0..=8).map(|place| turn(2 * place, 1.1, 1.05)).collect();
-        let alone: Vec<Turn> = (0..8).map(|place| turn(2 * place + 1, 1.0, 1.0)).collect();
+        let watched: Vec<WatchTurn> = (0..=8).map(|place| turn(2 * place, 1.1, 1.05)).collect();
+        let alone: Vec<WatchTurn> = (0..8).map(|place| turn(2 * place + 1, 1.0, 1.0)).collect();
         let cost = cost(&watched, &alone, 1, (1, 100)).unwrap();
         assert!((cost.slower.median - 0.1).abs() < 1e-9, "{cost:?}");
         assert!((cost.more_cpu.median - 0.05).abs() < 1e-9, "{cost:?}");

@@ -14,6 +14,24 @@ use crate::output::{Loan, Output, Stamp};
 use crate::wait::Wake;
 use messages::{ImagineAnswer, ImagineRequest, ImagineStatus, topic};
 
+impl Node {
+    /// The asking side of imagination (`human/imagine`).
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn request_client(&self) -> Result<RequestClient, PortError> {
+        RequestClient::new(self)
+    }
+
+    /// The answering side of imagination (`human/imagine`).
+    ///
+    /// # Errors
+    /// As [`Node::output`].
+    pub fn request_server(&self) -> Result<RequestServer, PortError> {
+        RequestServer::new(self)
+    }
+}
+
 /// The planner's side.
 pub struct RequestClient {
     questions: Output<ImagineRequest>,

@@ -2,9 +2,9 @@
 
 use crate::arguments::ClockMode;
 use crate::error::PortError;
-use crate::output::Connect;
-use crate::service::{DEFAULT_BUFFER, Ipc, TopicSizes, open_topic, open_wake_event};
-use crate::shared::SharedNode;
+use crate::service::{DEFAULT_BUFFER, TopicSizes, open_topic, open_wake_event};
+use crate::shared::{Connect, Counter, SharedNode};
+use crate::transport::Ipc;
 use crate::transport::{RawSubscriber, Received};
 use core::cell::Cell;
 use core::marker::PhantomData;
@@ -62,22 +62,6 @@ impl InputOptions {
             buffer: crate::service::RECORDER_BUFFER,
             wakes: false,
         }
-    }
-}
-
-/// What a port counted, for the process's report.
-#[derive(Debug)]
-pub(crate) struct Counter {
-    pub(crate) topic: &'static str,
-    pub(crate) received: Cell<u64>,
-    pub(crate) lost: Cell<u64>,
-}
-
-impl Counter {
-    /// Counts anew.
-    pub(crate) fn forget(&self) {
-        self.received.set(0);
-        self.lost.set(0);
     }
 }
 

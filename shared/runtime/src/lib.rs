@@ -14,18 +14,22 @@
 
 pub mod alloc_count;
 mod arguments;
+mod cleanup;
 pub mod clock;
 mod control;
 mod digest;
 mod error;
+mod held;
 mod imagine;
 mod input;
 pub mod instance;
 mod launcher;
+mod lock;
 mod node;
 mod observer;
 mod orphans;
 mod output;
+mod paths;
 mod poll;
 mod private;
 mod process;

@@ -5,7 +5,6 @@ use crate::alloc_count::{allocations, transport_allocations};
 use crate::arguments::RunArguments;
 use crate::clock::now_ns;
 use crate::error::{NodeError, PortError};
-use crate::imagine::{RequestClient, RequestServer};
 use crate::input::{Input, InputOptions, Receive};
 use crate::output::Output;
 use crate::shared::SharedNode;
@@ -13,7 +12,6 @@ use crate::signal;
 use crate::sleeper::Sleeper;
 use crate::timing::StageTimer;
 use crate::turn::Position;
-use crate::wait::Wake;
 use messages::{Control, Message, ProcessState, Report, topic};
 use std::os::fd::RawFd;
 use std::rc::Rc;
@@ -35,7 +33,7 @@ pub struct Node {
     pub(crate) steps: u64,
     pub(crate) missed: u64,
     pub(crate) allocations: [u64; 2],
-    allocations_before: [u64; 2],
+    pub(crate) allocations_before: [u64; 2],
     pub(crate) started: bool,
     pub(crate) stopped: bool,
     /// Steps to read in silence before the process says that it has caught up; 0 once it has.
@@ -119,41 +117,6 @@ impl Node {
         options: InputOptions,
     ) -> Result<Input<M>, PortError> {
         Input::new(&self.shared, topic, options)
-    }
-
-    /// The asking side of imagination (`human/imagine`).
-    ///
-    /// # Errors
-    /// As [`Node::output`].
-    pub fn request_client(&self) -> Result<RequestClient, PortError> {
-        RequestClient::new(self)
-    }
-
-    /// The answering side of imagination (`human/imagine`).
-    ///
-    /// # Errors
-    /// As [`Node::output`].
-    pub fn request_server(&self) -> Result<RequestServer, PortError> {
-        RequestServer::new(self)
-    }
-
-    /// Tells the launcher that all ports stand, and waits for its start: [`Wake::Message`], or [`Wake::Stop`] if the
-    /// run ends before it began. No message is lost that is sent after everybody's start.
-    ///
-    /// # Errors
-    /// [`NodeError::Port`], [`NodeError::System`].
-    pub fn ready(&mut self) -> Result<Wake, NodeError> {
-        self.shared.connect();
-        self.send_report(ProcessState::Ready, "")?;
-        while !self.started {
-            if self.wait(&mut [], None)? == Wake::Stop {
-                return Ok(Wake::Stop);
-            }
-        }
-        self.shared.connect();
-        self.shared.begin_step(now_ns());
-        self.allocations_before = allocations_now();
-        Ok(Wake::Message)
     }
 
     /// Connects this process's ports to those that others made since. [`Node::ready`], sends, receives and long waits
@@ -256,6 +219,6 @@ impl Drop for Node {
 }
 
 /// This thread's allocations: all, and those of them that iceoryx2 made while loaning.
-fn allocations_now() -> [u64; 2] {
+pub(crate) fn allocations_now() -> [u64; 2] {
     [allocations(), transport_allocations()]
 }

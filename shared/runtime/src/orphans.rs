@@ -5,8 +5,8 @@
 //! file in this instance's directory, which nobody but this user can reach.
 
 use crate::error::InstanceError;
-use crate::instance::{config, directory, prefix};
-use crate::service::Ipc;
+use crate::paths::{config, directory, prefix};
+use crate::transport::Ipc;
 use iceoryx2::node::{NodeState, NodeView};
 use iceoryx2::prelude::CallbackProgression;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

@@ -3,8 +3,9 @@
 use crate::alloc_count::in_transport;
 use crate::clock::now_ns;
 use crate::error::PortError;
-use crate::service::{Ipc, TopicSizes, open_topic, open_wake_event};
-use crate::shared::SharedNode;
+use crate::service::{TopicSizes, open_topic, open_wake_event};
+use crate::shared::{Connect, SharedNode};
+use crate::transport::Ipc;
 use crate::transport::{RawLoan, RawPublisher};
 use crate::turn::Position;
 use core::cell::{Cell, RefCell};
@@ -59,14 +60,6 @@ impl Stamp {
             cause_ns: now_ns(),
         }
     }
-}
-
-/// A port, as its node sees it.
-pub(crate) trait Connect {
-    /// Connects it to those that others made since.
-    fn connect(&self);
-    /// Sends what it held back and may now say.
-    fn release(&self);
 }
 
 /// Messages that an output holds back: in lockstep, nobody is further ahead of a process that is silent.

@@ -15,7 +15,8 @@ const BOOKKEEPING: u64 = 3 << 19;
 
 /// Bytes free for messages in `/dev/shm`.
 ///
-/// # Errors [`InstanceError::Io`] or [`InstanceError::Untrusted`] where it is missing, read-only, or not for this user
+/// # Errors
+/// [`InstanceError::Io`] or [`InstanceError::Untrusted`] where it is missing, read-only, or not for this user
 /// to write in.
 pub fn shared_memory_free() -> Result<u64, InstanceError> {
     let path = Path::new(SHARED_MEMORY);

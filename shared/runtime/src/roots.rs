@@ -5,7 +5,8 @@
 //! (cron, `su`, a container's shell) has to find what another one started, so whoever looks for an instance looks in
 //! all of them.
 
-use crate::instance::{fits, launcher};
+use crate::held::launcher;
+use crate::paths::fits;
 use crate::private;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,7 @@
 //! Opening iceoryx2 services: sizes, and the layout attribute that keeps out processes of another version.
 
 use crate::error::PortError;
-use crate::transport::{self, PayloadType, Topic};
+use crate::transport::{self, Ipc, PayloadType, Topic};
 use iceoryx2::prelude::*;
 use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
@@ -9,7 +9,6 @@ use iceoryx2::service::port_factory::event;
 use messages::Message;
 use std::time::{Duration, Instant};
 
-pub(crate) type Ipc = ipc::Service;
 pub(crate) type WakeEvent = event::PortFactory<Ipc>;
 
 /// Messages that an input holds before the oldest is lost, unless it asks otherwise.

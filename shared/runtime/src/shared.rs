@@ -3,14 +3,36 @@
 use crate::arguments::RunArguments;
 use crate::clock::{self, now_ns};
 use crate::error::NodeError;
-use crate::input::Counter;
-use crate::output::Connect;
-use crate::service::Ipc;
+use crate::transport::Ipc;
 use crate::turn::Turn;
 use crate::{instance, private, signal};
 use core::cell::{Cell, RefCell};
 use iceoryx2::prelude::{NodeBuilder, NodeName, SignalHandlingMode};
 use std::rc::{Rc, Weak};
+
+/// A port, as its node sees it.
+pub(crate) trait Connect {
+    /// Connects it to those that others made since.
+    fn connect(&self);
+    /// Sends what it held back and may now say.
+    fn release(&self);
+}
+
+/// What a port counted, for the process's report.
+#[derive(Debug)]
+pub(crate) struct Counter {
+    pub(crate) topic: &'static str,
+    pub(crate) received: Cell<u64>,
+    pub(crate) lost: Cell<u64>,
+}
+
+impl Counter {
+    /// Counts anew.
+    pub(crate) fn forget(&self) {
+        self.received.set(0);
+        self.lost.set(0);
+    }
+}
 
 /// What a node and its ports have in common.
 pub(crate) struct SharedNode {

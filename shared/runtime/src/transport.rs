@@ -5,7 +5,6 @@
 //! (`CustomPayloadMarker`); so do we. On the wire nothing differs: services carry the same type name, size, alignment
 //! and attribute as with typed ports, and either opens the other's.
 
-use crate::service::Ipc;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
@@ -17,6 +16,9 @@ use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use messages::Message;
+
+/// iceoryx2 over shared memory.
+pub(crate) type Ipc = ipc::Service;
 
 type Bytes = [CustomPayloadMarker];
 

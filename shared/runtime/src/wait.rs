@@ -4,9 +4,10 @@
 use crate::clock::{Ticker, now_ns};
 use crate::error::NodeError;
 use crate::input::{Advance, Source};
-use crate::node::Node;
+use crate::node::{Node, allocations_now};
 use crate::signal;
 use crate::sleeper::Woken;
+use messages::ProcessState;
 
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +23,25 @@ pub enum Wake {
 }
 
 impl Node {
+    /// Tells the launcher that all ports stand, and waits for its start: [`Wake::Message`], or [`Wake::Stop`] if the
+    /// run ends before it began. No message is lost that is sent after everybody's start.
+    ///
+    /// # Errors
+    /// [`NodeError::Port`], [`NodeError::System`].
+    pub fn ready(&mut self) -> Result<Wake, NodeError> {
+        self.shared.connect();
+        self.send_report(ProcessState::Ready, "")?;
+        while !self.started {
+            if self.wait(&mut [], None)? == Wake::Stop {
+                return Ok(Wake::Stop);
+            }
+        }
+        self.shared.connect();
+        self.shared.begin_step(now_ns());
+        self.allocations_before = allocations_now();
+        Ok(Wake::Message)
+    }
+
     /// Waits until the process is active at this position, for one that is on standby without reading.
     ///
     /// # Errors
