@@ -108,22 +108,24 @@ fn what_cannot_be_driven_is_refused() {
     }
 }
 
-/// Recorded traffic of four roads, where it lies beside the project.
+/// Recorded traffic: the scene that ships, as a file, and four roads more where public data lie beside the project.
 #[test]
 fn recorded_scenes_are_driven() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let mut files: Vec<PathBuf> = ["commonroad", "ngsim"]
+    let project = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let data = project.join("../shared/data");
+    let folders = [
+        project.join("examples/commonroad"),
+        data.join("commonroad"),
+        data.join("ngsim"),
+    ];
+    let mut files: Vec<PathBuf> = folders
         .iter()
-        .filter_map(|folder| std::fs::read_dir(data.join(folder)).ok())
+        .filter_map(|folder| std::fs::read_dir(folder).ok())
         .flat_map(|entries| entries.filter_map(|entry| Some(entry.ok()?.path())))
         .filter(|file| file.extension().is_some_and(|extension| extension == "xml"))
         .collect();
     files.sort();
-    if files.is_empty() {
-        let why = format!("there are no recorded scenes in {}", data.display());
-        testing::skipped("recorded_scenes_are_driven", &why);
-        return;
-    }
+    assert!(!files.is_empty(), "the scene that ships is gone");
     let bench = Bench::new();
     for file in files {
         let (printed, summary) = driven(&bench, &file, "scenes");

@@ -194,6 +194,15 @@ pub fn assert_no_message_lost(summary: &serde_json::Value) {
     }
 }
 
+/// Asserts that one process died, once, and that another took its place to the run's end.
+pub fn assert_replaced(summary: &serde_json::Value, process: &str) {
+    let deaths = summary["deaths"].as_array().unwrap();
+    assert_eq!(deaths.len(), 1, "{deaths:?}");
+    assert_eq!(deaths[0]["process"], process);
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["completed"], true);
+}
+
 /// A `mirror up` that goes on until it is ended.
 pub struct Live {
     pub child: Child,

@@ -70,8 +70,8 @@ struct Vacancy {
     due_ns: Option<u64>,
     /// Deaths in a row.
     in_a_row: u32,
-    /// When the last process became active.
-    since_ns: u64,
+    /// When the last process became active; none if it has not yet, however long its start takes.
+    since_ns: Option<u64>,
 }
 
 /// The launcher's book of the living and the dead.
@@ -93,7 +93,7 @@ impl Supervisor {
         Self {
             most_in_a_row,
             places: [Vacancy {
-                since_ns: now_ns(),
+                since_ns: Some(now_ns()),
                 ..Vacancy::default()
             }; NAMES.len()],
             died_ns: [None; NAMES.len()],
@@ -124,7 +124,8 @@ impl Supervisor {
         self.died_ns[ended.place].get_or_insert((now, self.deaths.len()));
         self.note(ended, heads);
         let place = &mut self.places[ended.place];
-        if place.in_a_row == 0 || now.saturating_sub(place.since_ns) > HEALTHY_NS {
+        let lived_ns = place.since_ns.map_or(0, |since| now.saturating_sub(since));
+        if lived_ns > HEALTHY_NS {
             place.in_a_row = 0;
         }
         place.in_a_row += 1;
@@ -146,7 +147,7 @@ impl Supervisor {
             .iter()
             .position(|place| place.due_ns.is_some_and(|due| due <= now))?;
         self.places[found].due_ns = None;
-        self.places[found].since_ns = now;
+        self.places[found].since_ns = None;
         self.restarts += 1;
         Some(found)
     }
@@ -164,7 +165,7 @@ impl Supervisor {
     /// A successor was told to go on.
     pub fn is_back(&mut self, place: usize) {
         let now = now_ns();
-        self.places[place].since_ns = now;
+        self.places[place].since_ns = Some(now);
         if let Some((died_ns, first)) = self.died_ns[place].take() {
             for death in &mut self.deaths[first..] {
                 if death.process == NAMES[place] {

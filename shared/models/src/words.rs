@@ -91,8 +91,12 @@ mod tests {
                 }
                 successes += u32::from(world.end() == End::Success);
             }
-            let all = domain != Domain::Driving; // drivers may crash on what they know
-            assert!(successes == 18 || !all, "{domain:?}: {successes}");
+            // Drivers are noisy: one or two of eighteen may crash on what they know.
+            let least = match domain {
+                Domain::Driving => 16,
+                Domain::SearchRescue | Domain::BombDefusal => 18,
+            };
+            assert!(successes >= least, "{domain:?}: {successes}");
         }
     }
 
