@@ -127,6 +127,13 @@ fn a_suspended_set_ends_with_its_launcher() {
     send(live.child.id(), libc::SIGKILL);
     live.wait();
     live.wait_for_processes();
+    clean_up(&name);
+}
+
+/// Removes what a killed launcher left, as the next run of that name would.
+fn clean_up(name: &str) {
+    runtime::cleanup_dead(&runtime::instance::root_for(name), name).unwrap();
+    assert_nothing_left(name);
 }
 
 /// Processes with this text in their command lines.
@@ -218,6 +225,7 @@ fn what_a_program_started_ends_with_the_launcher() {
     live.wait();
     live.wait_for_processes();
     until("they end, too", || with(&mark).is_empty());
+    clean_up(&name);
 }
 
 /// A process that is killed with the test that started it.

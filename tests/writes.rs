@@ -139,8 +139,7 @@ fn an_earlier_recording_survives_a_run_that_does_not_start() {
     std::fs::write(&file, "an earlier drive").unwrap();
     let mut command = bench.up(&instance("writes-kept"));
     let output = run(command
-        .args(["--planner", "none", "--episodes", "1"])
-        .args(["--exec", "recorder=false", "--record"])
+        .args(["--episodes", "1", "--exec", "recorder=false", "--record"])
         .arg(&file));
     assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     assert_eq!(std::fs::read(&file).unwrap(), b"an earlier drive");

@@ -282,7 +282,8 @@ impl Recording {
         self.chunk_bytes += self.cdr.bytes().len();
         self.written[topic] += 1;
         if TOPICS[topic].is_repeatable() {
-            self.last = Some((header.episode, header.step));
+            // A late decision of an earlier step may stand behind the frame of a later one.
+            self.last = self.last.max(Some((header.episode, header.step)));
         }
         if self.chunk_bytes >= CHUNK_BYTES {
             self.close_chunk()?;
