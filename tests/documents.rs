@@ -344,7 +344,15 @@ struct Bench {
     page: &'static str,
     directory: tempfile::TempDir,
     /// Sets that drive in the background, by instance.
-    background: Vec<(String, Child)>,
+    background: Vec<(String, Started)>,
+    /// Commands so far: each has files of its own for what it prints.
+    count: usize,
+}
+
+/// A command that was started.
+struct Started {
+    child: Child,
+    number: usize,
 }
 
 impl Bench {
@@ -362,6 +370,7 @@ impl Bench {
             page,
             directory,
             background: Vec::new(),
+            count: 0,
         };
         for name in ["examples", "shared", "tools"] {
             symlink(root().join(name), bench.here().join(name)).unwrap();
@@ -380,11 +389,13 @@ impl Bench {
     }
 
     /// Starts a command in a shell, in a process group of its own; its output goes to files.
-    fn start(&self, command: &str) -> Child {
+    fn start(&mut self, command: &str) -> Started {
         let program = Path::new(env!("CARGO_BIN_EXE_mirror")).parent().unwrap();
         let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
-        let output = |name: &str| File::create(self.directory.path().join(name)).unwrap();
-        Command::new("sh")
+        self.count += 1;
+        let number = self.count;
+        let output = |name: &str| File::create(self.printed(number, name)).unwrap();
+        let child = Command::new("sh")
             .args(["-c", &format!("exec {command}")])
             .current_dir(self.here())
             .env("PATH", path)
@@ -394,32 +405,45 @@ impl Bench {
             .stderr(output("stderr"))
             .process_group(0)
             .spawn()
-            .unwrap()
+            .unwrap();
+        Started { child, number }
+    }
+
+    /// Where a command's output is.
+    fn printed(&self, number: usize, name: &str) -> PathBuf {
+        self.directory.path().join(format!("{number}.{name}"))
     }
 
     /// Waits for a command's end.
-    fn wait(&self, mut child: Child, command: &str) -> Output {
+    fn wait(&self, mut started: Started, command: &str) -> Output {
         let begun = Instant::now();
         let status = loop {
-            if let Some(status) = child.try_wait().unwrap() {
+            if let Some(status) = started.child.try_wait().unwrap() {
                 break status;
             }
             if begun.elapsed() > LIMIT {
-                signal(&child, libc::SIGKILL);
-                let output = self.output(child.wait().unwrap());
+                let told = self.stop(&mut started);
                 panic!(
-                    "{}: `{command}` takes longer than {LIMIT:?}: {}",
-                    self.page,
-                    told(&output)
+                    "{}: `{command}` takes longer than {LIMIT:?}: {told}",
+                    self.page
                 );
             }
             std::thread::sleep(Duration::from_millis(5));
         };
-        self.output(status)
+        self.output(started.number, status)
     }
 
-    fn output(&self, status: ExitStatus) -> Output {
-        let read = |name: &str| fs::read(self.directory.path().join(name)).unwrap();
+    /// Kills a command, if it still runs; what it printed.
+    fn stop(&self, started: &mut Started) -> String {
+        if started.child.try_wait().unwrap().is_none() {
+            signal(&started.child, libc::SIGKILL);
+        }
+        let status = started.child.wait().unwrap();
+        told(&self.output(started.number, status))
+    }
+
+    fn output(&self, number: usize, status: ExitStatus) -> Output {
+        let read = |name: &str| fs::read(self.printed(number, name)).unwrap();
         Output {
             status,
             stdout: read("stdout"),
@@ -437,23 +461,18 @@ impl Bench {
             )
         });
         self.end(instance);
-        let mut child = self.start(command);
+        let mut started = self.start(command);
         let drives = |status: serde_json::Value| status["steps"].as_u64() > Some(0);
         let begun = Instant::now();
         while !status_in(&self.instances(), instance).is_some_and(drives) {
-            let ended = child.try_wait().unwrap();
+            let ended = started.child.try_wait().unwrap();
             if ended.is_some() || begun.elapsed() > LIMIT {
-                signal(&child, libc::SIGKILL);
-                let output = self.output(child.wait().unwrap());
-                panic!(
-                    "{}: `{command} &` does not drive: {}",
-                    self.page,
-                    told(&output)
-                );
+                let told = self.stop(&mut started);
+                panic!("{}: `{command} &` does not drive: {told}", self.page);
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        self.background.push((instance.to_owned(), child));
+        self.background.push((instance.to_owned(), started));
     }
 
     /// Ends a set in the background as Ctrl-C does, if there is one of this name.
@@ -462,14 +481,16 @@ impl Bench {
             .background
             .iter()
             .position(|(name, _)| name == instance);
-        if let Some((_, mut child)) = at.map(|at| self.background.remove(at)) {
-            assert!(
-                child.try_wait().unwrap().is_none(),
-                "{}: the set `{instance}` ended while the page went on",
-                self.page
-            );
-            signal(&child, libc::SIGINT);
-            self.wait(child, &format!("the set {instance}"));
+        if let Some((_, mut started)) = at.map(|at| self.background.remove(at)) {
+            if started.child.try_wait().unwrap().is_some() {
+                let told = self.stop(&mut started);
+                panic!(
+                    "{}: the set `{instance}` ended while the page went on: {told}",
+                    self.page
+                );
+            }
+            signal(&started.child, libc::SIGINT);
+            self.wait(started, &format!("the set {instance}"));
         }
     }
 }
@@ -477,9 +498,9 @@ impl Bench {
 /// A test that fails must not leave a set behind.
 impl Drop for Bench {
     fn drop(&mut self) {
-        for (_, child) in &mut self.background {
-            signal(child, libc::SIGKILL);
-            let _ = child.wait();
+        for (_, started) in &mut self.background {
+            signal(&started.child, libc::SIGKILL);
+            let _ = started.child.wait();
         }
     }
 }
@@ -521,8 +542,8 @@ fn run_page(page: &'static str) {
             Some(set) => bench.start_in_background(set),
             None => {
                 let begun = Instant::now();
-                let child = bench.start(run);
-                let output = bench.wait(child, run);
+                let started = bench.start(run);
+                let output = bench.wait(started, run);
                 let seconds = begun.elapsed().as_secs_f64();
                 println!("{seconds:6.1} s {place}: {run}");
                 let refused = listed(REFUSED, &command);
