@@ -108,20 +108,21 @@ fn what_cannot_be_driven_is_refused() {
     }
 }
 
-/// Recorded traffic: the scene that ships, as a file, and four roads more where public data lie beside the project.
+/// Recorded traffic: the scene that ships, as a file, and every CommonRoad scenario in the folders that
+/// `MIRROR_SCENARIOS` names, with colons between them.
 #[test]
 fn recorded_scenes_are_driven() {
-    let project = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let data = project.join("../shared/data");
-    let folders = [
-        project.join("examples/commonroad"),
-        data.join("commonroad"),
-        data.join("ngsim"),
-    ];
+    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/commonroad");
+    let more = std::env::var_os("MIRROR_SCENARIOS").unwrap_or_default();
+    let mut folders = vec![ours];
+    folders.extend(std::env::split_paths(&more).filter(|folder| !folder.as_os_str().is_empty()));
     let mut files: Vec<PathBuf> = folders
         .iter()
-        .filter_map(|folder| std::fs::read_dir(folder).ok())
-        .flat_map(|entries| entries.filter_map(|entry| Some(entry.ok()?.path())))
+        .flat_map(|folder| {
+            std::fs::read_dir(folder)
+                .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+        })
+        .map(|entry| entry.unwrap().path())
         .filter(|file| file.extension().is_some_and(|extension| extension == "xml"))
         .collect();
     files.sort();

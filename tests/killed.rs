@@ -144,7 +144,8 @@ fn stop_within_a_plan(live: &Live, name: &str) {
     let mut answers = observer
         .input::<ImagineAnswer>(topic::IMAGINE_ANSWER)
         .unwrap();
-    // By the step that is planned from: how many were asked, and how many answered. The first is not seen from its beginning.
+    // By the step that is planned from: how many were asked, and how many answered. The first is not seen from its
+    // beginning.
     let mut steps: BTreeMap<(u32, u32), [u32; 2]> = BTreeMap::new();
     let mut look = || {
         let mut heard = false;
@@ -259,8 +260,8 @@ fn crashes(process: &str, signal: libc::c_int, name_of_signal: &str) {
         let known = processes.find(|known| known["process"] == process);
         known.is_some_and(|known| known["position"].is_array())
     });
-    // Rust's own handler takes the first SIGSEGV for a full stack, finds that it was none, and lets the next one through.
-    // SAFETY: signals a process of this set; once its launcher has reaped it, there is none.
+    // Rust's own handler takes the first SIGSEGV for a full stack, finds that it was none, and lets the next one
+    // through. SAFETY: signals a process of this set; once its launcher has reaped it, there is none.
     while unsafe { libc::kill(pid, signal) } == 0 {
         std::thread::yield_now();
     }

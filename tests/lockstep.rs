@@ -108,7 +108,8 @@ fn the_real_time_clock_runs_to_the_end_too() {
     assert_eq!(summary["clock"], "realtime");
     assert_eq!(summary["digest"], serde_json::Value::Null);
     assert_eq!(summary["completed"], true);
-    // The world waits for nobody, and never runs ahead of its own clock: in lockstep this would take a tenth of the time.
+    // The world waits for nobody, and never runs ahead of its own clock: in lockstep this would take a tenth of the
+    // time.
     let steps = summary["steps"].as_f64().unwrap();
     assert!(steps > 20.0, "{steps}");
     let least_s = (steps - 1.0) * 0.15 / 60.0;

@@ -1,7 +1,7 @@
 //! `mirror profile` against other witnesses: processes that read the clock themselves, and `/proc`.
 //!
-//! This test program starts itself again as two processes of the set, belief and planner, which write down when they took a
-//! message and when they sent one.
+//! This test program starts itself again as two processes of the set, belief and planner, which write down when they
+//! took a message and when they sent one.
 
 mod common;
 mod profile_files;
@@ -128,8 +128,8 @@ struct Witnessed {
 }
 
 impl Witnessed {
-    /// The port reads the clock for what was computed and for when it was sent one after the other, and may be ousted in
-    /// between.
+    /// The port reads the clock for what was computed and for when it was sent one after the other, and may be ousted
+    /// in between.
     fn sending(&self) -> u64 {
         self.after - self.before
     }
@@ -228,8 +228,8 @@ fn hops_and_compute_times_agree_with_those_who_read_the_clock_themselves() {
     );
 }
 
-/// Every slice is a step that the process saw too: sent between its clock readings around sending, begun no later than it
-/// had its input, and no earlier than its step before ended. Returns how many there were.
+/// Every slice is a step that the process saw too: sent between its clock readings around sending, begun no later than
+/// it had its input, and no earlier than its step before ended. Returns how many there were.
 fn check_compute(trace: &Trace, process: &str, name: &str, steps: &[Witnessed]) -> usize {
     let slices = trace.slices(process, name);
     for slice in &slices {

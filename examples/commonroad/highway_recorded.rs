@@ -1,14 +1,14 @@
-//! Makes `highway-recorded.xml`, the CommonRoad scenario that ships: a straight motorway of three lanes, dense traffic, twelve
-//! seconds. Nobody was recorded: a truck and nine cars drive by the Intelligent Driver Model; two change lanes at set times, and one
-//! slows down for a while. An eleventh keeps the place of the ego car: it is simulated, so that the others leave it room, and
-//! only its start is written, as that of the planning problem.
+//! Makes `highway-recorded.xml`, the CommonRoad scenario that ships: a straight motorway of three lanes, dense traffic,
+//! twelve seconds. Nobody was recorded: a truck and nine cars drive by the Intelligent Driver Model; two change lanes
+//! at set times, and one slows down for a while. An eleventh keeps the place of the ego car: it is simulated, so that
+//! the others leave it room, and only its start is written, as that of the planning problem.
 //!
 //! ```sh
 //! cargo run --release -p mirror --example highway_recorded > examples/commonroad/highway-recorded.xml
 //! ```
 //!
-//! The file is the same to the last byte on every machine: nothing but sums, products, quotients and square roots is computed, and
-//! `tests/recorded.rs` compares it.
+//! The file is the same to the last byte on every machine: nothing but sums, products, quotients and square roots is
+//! computed, and `tests/recorded.rs` compares it.
 
 use std::fmt::Write;
 

@@ -26,7 +26,8 @@ From rounds of your own to a human model of your own:
 /// MIRROR watches a person drive in fog and decides what to tell them, when, and how.
 ///
 /// It runs as seven processes that exchange messages through shared memory: the world, the driver (a simulated person),
-/// the robot's belief, the model of the person, the planner, the renderer and the recorder. `mirror up` starts them all.
+/// the robot's belief, the model of the person, the planner, the renderer and the recorder. `mirror up` starts them
+/// all.
 #[derive(Debug, Parser)]
 #[command(
     name = "mirror",
@@ -38,8 +39,8 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
-    /// Compute with vectors of so many numbers (1, 4, 8, 16), emulated where the machine has none, in place of the widest that
-    /// it has: slower, with the same results to the last bit
+    /// Compute with vectors of so many numbers (1, 4, 8, 16), emulated where the machine has none, in place of the
+    /// widest that it has: slower, with the same results to the last bit
     #[arg(
         long,
         global = true,
@@ -94,14 +95,15 @@ pub enum Command {
     /// Write the messages' ROS 2 definitions, for programs that read recordings
     #[command(after_help = examples::MESSAGES)]
     Messages(MessagesArguments),
-    /// Show what is running, what a dead run left, whether this machine's limits suffice, and whether it keeps up in real time
+    /// Show what is running, what a dead run left, whether this machine's limits suffice, and whether it keeps up in
+    /// real time
     #[command(after_help = examples::DOCTOR)]
     Doctor(DoctorArguments),
     /// Run as one process of a set (this is how `up` starts itself)
     #[command(hide = true)]
     Process(ProcessArguments),
-    /// Run somebody else's program as one process of a set, and end it, and all that it starts, with the set (this is how `up`
-    /// starts what --exec names)
+    /// Run somebody else's program as one process of a set, and end it, and all that it starts, with the set (this is
+    /// how `up` starts what --exec names)
     #[command(hide = true)]
     ExecGuard(ExecGuardArguments),
 }
@@ -109,23 +111,23 @@ pub enum Command {
 /// Options of `mirror up`.
 #[derive(Args, Debug)]
 pub struct UpArguments {
-    /// Where to drive: a scene that ships (`mirror scenes` lists them), a scene file (.toml), or recorded traffic from a
-    /// CommonRoad scenario (.xml)
+    /// Where to drive: a scene that ships (`mirror scenes` lists them), a scene file (.toml), or recorded traffic from
+    /// a CommonRoad scenario (.xml)
     #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_SCENE, value_parser = offered::scenes(), hide_possible_values = true)]
     pub scene: String,
     /// Highway: fog in which one sees this far ahead, in metres (0 to 1000), whatever the scene says
     #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub fog: Option<f64>,
-    /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self` (the
-    /// robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning), `sqil`
-    /// (soft-Q imitation); in a gridworld also `ideal`, the simulated person's own model
+    /// The robot's model of the person: `mirror` (learned perception and policy), `mirror-p` (perception only), `self`
+    /// (the robot's own, unchanged), or a policy that was told what the person can see: `bc` (behavioural cloning),
+    /// `sqil` (soft-Q imitation); in a gridworld also `ideal`, the simulated person's own model
     #[arg(long, value_name = "KIND", default_value = "mirror", value_parser = offered::humans(), hide_possible_values = true)]
     pub human: String,
     /// How to decide what to communicate
     #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Ce)]
     pub planner: PlannerMethod,
-    /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or `recorded:ID`
-    /// (the person in that car of a CommonRoad scenario)
+    /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or
+    /// `recorded:ID` (the person in that car of a CommonRoad scenario)
     #[arg(
         long,
         value_name = "sim:ID|sim:FILE|recorded:ID",
@@ -152,14 +154,16 @@ pub struct UpArguments {
     /// Name of this set of processes, for running several at once [default: up-PID]
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
-    /// Run another program as one of the processes; it gets the path of its arguments (a JSON file) as its last argument
+    /// Run another program as one of the processes; it gets the path of its arguments (a JSON file) as its last
+    /// argument
     #[arg(long, value_name = "PROCESS=COMMAND", value_hint = ValueHint::Other)]
     pub exec: Vec<String>,
     /// The robot's self-model [default: the one that ships]
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// What the human model learned of this person, made by `mirror train human`: implants, or the policy of `bc` or
-    /// `sqil` [default: learned at the start from six rounds without communication; in a gridworld, one of each scenario]
+    /// `sqil` [default: learned at the start from six rounds without communication; in a gridworld, one of each
+    /// scenario]
     #[arg(long, alias = "learned", value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// Poll this long for a message before sleeping, in microseconds; pays off only with more cores than processes
@@ -168,9 +172,9 @@ pub struct UpArguments {
     /// How often in a row a process that died is started again before the run ends; 0 ends it with the first death
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub restarts: u32,
-    /// A process that is silent for so long, though asked several times, hangs: it is killed, and started again. Never sooner
-    /// than after four times its longest step so far; in lockstep, one that computes (or waits for the disk) is waited for
-    /// however long it takes, and only one that stands still hangs
+    /// A process that is silent for so long, though asked several times, hangs: it is killed, and started again. Never
+    /// sooner than after four times its longest step so far; in lockstep, one that computes (or waits for the disk) is
+    /// waited for however long it takes, and only one that stands still hangs
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = hang_limit, allow_negative_numbers = true)]
     pub hang_limit: f64,
     /// Print no events, only the summary
@@ -197,8 +201,8 @@ pub struct ReplayArguments {
     /// Decide in this way instead of the recorded one
     #[arg(long, value_name = "KIND", value_enum)]
     pub planner: Option<PlannerMethod>,
-    /// What the human model learned of the person [default: what the recording carries; for another human model, learned
-    /// at the start from the recorded simulated person]
+    /// What the human model learned of the person [default: what the recording carries; for another human model,
+    /// learned at the start from the recorded simulated person]
     #[arg(long, value_name = "FILE.safetensors")]
     pub implants: Option<PathBuf>,
     /// The robot's self-model [default: the recorded one, which must not have changed since]
@@ -315,7 +319,8 @@ pub struct SwapArguments {
     /// The process to replace: world, driver, belief, human, planner, renderer or recorder
     #[arg(value_parser = offered::processes(), hide_possible_values = true)]
     pub process: String,
-    /// What to replace it by: a kind of human model or planner, a driver (sim:ID), or `same` for another of the same kind
+    /// What to replace it by: a kind of human model or planner, a driver (sim:ID), or `same` for another of the same
+    /// kind
     #[arg(required_unless_present = "exec", value_parser = offered::kinds(), hide_possible_values = true)]
     pub kind: Option<String>,
     /// The running set [default: the only one that runs]
@@ -357,8 +362,8 @@ pub struct ExecGuardArguments {
 /// What to learn.
 #[derive(Debug, Subcommand)]
 pub enum Train {
-    /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway, minutes
-    /// for a gridworld)
+    /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway,
+    /// minutes for a gridworld)
     #[command(name = "self", after_help = examples::TRAIN_SELF)]
     Myself(TrainSelfArguments),
     /// Learn what a person sees and how they act, from demonstrations; the self-model stays as it is (seconds)
@@ -443,8 +448,8 @@ fn rounds(text: &str) -> Result<usize, String> {
 /// Options of `mirror train human`.
 #[derive(Args, Debug)]
 pub struct TrainHumanArguments {
-    /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these rounds
-    /// (on the highway, and an expert's in clear weather), by likelihood (`bc`) or by soft-Q imitation (`sqil`)
+    /// What to learn: `mirror` (perception and policy), `mirror-p` (perception only), or a policy of its own from these
+    /// rounds (on the highway, and an expert's in clear weather), by likelihood (`bc`) or by soft-Q imitation (`sqil`)
     #[arg(long, value_name = "KIND", default_value = "mirror", value_parser = offered::learners(), hide_possible_values = true)]
     pub kind: String,
     /// The domain
@@ -500,7 +505,8 @@ pub struct TrainSelfArguments {
     /// Episodes in all, those before a --resume included [default: as many as the shipped model had]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub episodes: Option<u32>,
-    /// In a gridworld: phases in all, of some rounds and some gradient steps each [default: as many as the shipped model had]
+    /// In a gridworld: phases in all, of some rounds and some gradient steps each [default: as many as the shipped
+    /// model had]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub phases: Option<u32>,
     /// Continue where an earlier run stopped: the result is the same as if it had not

@@ -1,6 +1,7 @@
 //! Text in columns, for commands that list something.
 
-/// Lines of `rows` below `head`, every column as wide as its widest cell; the last is not padded. Numbers stand to the right.
+/// Lines of `rows` below `head`, every column as wide as its widest cell; the last is not padded. Numbers stand to the
+/// right.
 pub fn lines(head: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     let width = |column: usize| {
         let cells = rows.iter().filter_map(|row| row.get(column));

@@ -1,7 +1,7 @@
 //! `mirror ls`: the process sets that run now.
 //!
-//! A set that `mirror up` started says of itself what it is and how far it is. Of any other, and of one that does not answer,
-//! what can be seen from outside is told: its launcher, its processes and whether they live.
+//! A set that `mirror up` started says of itself what it is and how far it is. Of any other, and of one that does not
+//! answer, what can be seen from outside is told: its launcher, its processes and whether they live.
 
 use crate::cli::ListArguments;
 use crate::columns;
@@ -64,7 +64,8 @@ struct About {
 struct Process {
     process: String,
     pid: u32,
-    /// `active`, `standby` (to take over from another), `starting`, `leaving`; `suspended` where the system has stopped it; `dead`.
+    /// `active`, `standby` (to take over from another), `starting`, `leaving`; `suspended` where the system has stopped
+    /// it; `dead`.
     state: String,
     /// Which of its kind it is, such as `mirror` of human models.
     kind: Option<String>,
@@ -121,8 +122,8 @@ fn look(state: InstanceState) -> Option<Running> {
     })
 }
 
-/// `learning` about the person before the start, `starting`, `driving`; `suspended`; `replaying` a recording; `silent` where it
-/// does not answer.
+/// `learning` about the person before the start, `starting`, `driving`; `suspended`; `replaying` a recording; `silent`
+/// where it does not answer.
 fn state_of(said: Option<&Value>, is_suspended: bool, state: &InstanceState) -> String {
     let phase = said.and_then(|said| said["phase"].as_str());
     let is_replay = || state.nodes.iter().any(|node| node.process == "replay");

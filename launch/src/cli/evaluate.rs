@@ -86,8 +86,8 @@ pub struct EvaluateCommunicateArguments {
     /// Percentages of 20 rounds that models learn from
     #[arg(long, value_name = "PERCENT,…", value_delimiter = ',', default_value = "20,100", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub fractions: Vec<u32>,
-    /// Who decides what is communicated: nc (nobody), everything, ideal (imagining the person themselves), or an assistant with the
-    /// human model mirror, mirror-p, bc, sqil or self
+    /// Who decides what is communicated: nc (nobody), everything, ideal (imagining the person themselves), or an
+    /// assistant with the human model mirror, mirror-p, bc, sqil or self
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     pub conditions: Vec<String>,
     /// Rounds a person and condition [default: about 20, every scenario equally often]
@@ -124,8 +124,8 @@ pub struct EvaluateDriveArguments {
     /// The domain: only the highway
     #[arg(long, value_enum, default_value_t = Domain::Highway)]
     pub domain: Domain,
-    /// Conditions: clear, silent (NC), everything, or planned with mirror, mirror-p, self, bc, sqil, or matched with mirror-kl; all but
-    /// the first in fog
+    /// Conditions: clear, silent (NC), everything, or planned with mirror, mirror-p, self, bc, sqil, or matched with
+    /// mirror-kl; all but the first in fog
     #[arg(
         long,
         value_name = "NAME,…",
@@ -188,8 +188,8 @@ pub struct EvaluateImplantsArguments {
 /// Options of `mirror evaluate real`.
 #[derive(Args, Debug)]
 pub struct EvaluateRealArguments {
-    /// CommonRoad scenario (.xml), or a folder of them, of which <https://commonroad.in.tum.de/scenarios> has many; every moving
-    /// vehicle is a driver [default: highway-recorded, the scene that ships, whose drivers are simulated]
+    /// CommonRoad scenario (.xml), or a folder of them, of which <https://commonroad.in.tum.de/scenarios> has many;
+    /// every moving vehicle is a driver [default: highway-recorded, the scene that ships, whose drivers are simulated]
     #[arg(long, value_name = "FILE.xml|DIR")]
     pub data: Option<PathBuf>,
     /// Splits of the drivers into two thirds to learn from and one third to test

@@ -1,5 +1,6 @@
-//! The examples at the end of every command's `--help`: a line that says what one is for, and below it the command. Each can be
-//! copied as it stands, into a clone's root; what an example reads, an earlier one of another command makes.
+//! The examples at the end of every command's `--help`: a line that says what one is for, and below it the command.
+//! Each can be copied as it stands, into a clone's root; what an example reads, an earlier one of another command
+//! makes.
 
 pub const TOP: &str = "\
 Examples:

@@ -1,4 +1,5 @@
-//! Values that a shell offers when it completes a word, where any other text is taken too: a scene's name or a file, for instance.
+//! Values that a shell offers when it completes a word, where any other text is taken too: a scene's name or a file,
+//! for instance.
 
 use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use clap::error::Error;

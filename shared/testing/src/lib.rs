@@ -1,9 +1,9 @@
-//! What tests of several crates need: directories of their own, a test program that also stands in for a process of a set
-//! ([`stand_in!`]), and what the machine has to offer beside a Rust toolchain.
+//! What tests of several crates need: directories of their own, a test program that also stands in for a process of a
+//! set ([`stand_in!`]), and what the machine has to offer beside a Rust toolchain.
 //!
-//! A test that cannot run here calls [`skipped`] and returns. The line that it writes is seen although the test passes, so
-//! that `.ci/run` counts and names all of them at its end. With `MIRROR_REQUIRE=all` in the environment a test that would
-//! be skipped fails instead.
+//! A test that cannot run here calls [`skipped`] and returns. The line that it writes is seen although the test passes,
+//! so that `.ci/run` counts and names all of them at its end. With `MIRROR_REQUIRE=all` in the environment a test that
+//! would be skipped fails instead.
 
 mod stand_in;
 
@@ -42,8 +42,9 @@ pub fn skipped(test: &str, why: &str) {
     let _ = std::io::stderr().write_all(line.as_bytes());
 }
 
-/// A Python in which `needs` runs: the one that `MIRROR_PYTHON` names, `python3`, or one in an environment called `name`
-/// below `directory`, into which `packages` are installed from PyPI. None where there is no such Python to be had.
+/// A Python in which `needs` runs: the one that `MIRROR_PYTHON` names, `python3`, or one in an environment called
+/// `name` below `directory`, into which `packages` are installed from PyPI. None where there is no such Python to be
+/// had.
 pub fn python(directory: &Path, name: &str, packages: &[&str], needs: &str) -> Option<PathBuf> {
     let done = |command: &mut Command| command.output().is_ok_and(|o| o.status.success());
     let serves = |python: &Path| done(Command::new(python).args(["-c", needs]));

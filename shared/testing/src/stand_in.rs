@@ -1,7 +1,8 @@
-//! Test programs that are started once more as a process of a set: such a process is no test, and stands in no list of them.
+//! Test programs that are started once more as a process of a set: such a process is no test, and stands in no list of
+//! them.
 //!
-//! A program that uses [`stand_in!`] says `harness = false` in its crate's `Cargo.toml`. It lists its tests: one that is
-//! forgotten is never used, which the compiler says. Options are those of every test program.
+//! A program that uses [`stand_in!`] says `harness = false` in its crate's `Cargo.toml`. It lists its tests: one that
+//! is forgotten is never used, which the compiler says. Options are those of every test program.
 
 use libtest_mimic::{Arguments, Trial};
 use std::ffi::OsString;

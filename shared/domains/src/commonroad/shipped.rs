@@ -1,4 +1,5 @@
-//! The recorded scene that ships, inside the program. Its file lies in `examples/commonroad`, with the program that makes it.
+//! The recorded scene that ships, inside the program. Its file lies in `examples/commonroad`, with the program that
+//! makes it.
 //!
 //! A path of the form `shipped:NAME.xml` stands for it, wherever the path of a CommonRoad file is expected.
 

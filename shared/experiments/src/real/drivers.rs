@@ -58,11 +58,12 @@ pub struct Drivers {
     pub left_out: Vec<(String, String)>,
 }
 
-/// Reads a CommonRoad file (`.xml`, or one that ships), or every one of a folder, and sits down in every moving vehicle.
+/// Reads a CommonRoad file (`.xml`, or one that ships), or every one of a folder, and sits down in every moving
+/// vehicle.
 ///
 /// # Errors
-/// If the one file or the folder cannot be read, or the folder holds no such file. Files of a folder that cannot be read are left
-/// out, with the reason.
+/// If the one file or the folder cannot be read, or the folder holds no such file. Files of a folder that cannot be
+/// read are left out, with the reason.
 pub fn read_drivers(data: &Path, rule: &Rule) -> anyhow::Result<Drivers> {
     let is_xml = |path: &Path| {
         path.extension()
