@@ -11,7 +11,7 @@ use domains::{Layout, Mask};
 use models::{Communicated, HumanModel, IdealHuman, Implants, Kind, SelfModel, Sizes, load_human};
 use planning::items::settings_of;
 use planning::round::{Advice, play};
-use planning::{Assistant, Method, Moment};
+use planning::{Assistant, Method, PlanMoment};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use replay::Drive;
@@ -141,7 +141,7 @@ fn in_one_process(grid: &Grid, who: (&str, &str), episode: u32) -> (Vec<Step>, f
         let next = expected.column(0)[choice];
         taken.fill(0.0);
         taken[choice] = 1.0;
-        let moment = Moment {
+        let moment = PlanMoment {
             seed: SEED,
             episode,
             step,

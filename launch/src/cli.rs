@@ -21,7 +21,7 @@ From rounds of your own to a human model of your own:
   2. Implants, bc or sqil learned from them: mirror train human --demos ROUNDS --out LEARNED
   3. In the set: mirror up --implants LEARNED, or while it runs: mirror swap human KIND --implants LEARNED
   4. A model of your own: implement models::HumanModel (Rust; the suite to pass: shared/models/tests/conformance.rs),
-     or start from examples/python/human_model.py and run it by --exec human=COMMAND. README: \"Your own rounds, your own model\".";
+     or start from examples/python/human_model.py and run it by --exec human=COMMAND. docs/learn.md says more.";
 
 /// MIRROR watches a person drive in fog and decides what to tell them, when, and how.
 ///

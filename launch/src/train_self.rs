@@ -89,7 +89,7 @@ fn configured(arguments: &TrainSelfArguments) -> Result<HighwayConfig> {
         "--phases: only the gridworlds count in phases, the highway's training in --episodes"
     );
     let mut config = HighwayConfig::load(modalities::NAME, arguments.config.as_deref())?;
-    config.network.sizes(&modalities::layout())?;
+    config.sizes(&modalities::layout(), arguments.config.as_deref())?;
     if let Some(episodes) = arguments.episodes {
         config.self_model.episodes = episodes;
     }
@@ -107,7 +107,7 @@ fn prepare(arguments: &TrainSelfArguments, config: &HighwayConfig) -> Result<(Tr
             seed: arguments.seed.unwrap_or_default(),
             ..config.self_model
         };
-        let sizes = config.network.sizes(&modalities::layout())?;
+        let sizes = config.sizes(&modalities::layout(), arguments.config.as_deref())?;
         Trainer::with_sizes(scene, table, settings, sizes)?
     };
     if let Some(episodes) = arguments.episodes {

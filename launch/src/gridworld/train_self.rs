@@ -110,7 +110,7 @@ fn configured(arguments: &TrainSelfArguments, domain: Domain) -> Result<(World, 
     );
     let world = inputs::world(&Scene::of(domain, Setting::Original))?;
     let mut config = GridworldConfig::load(domain.name(), arguments.config.as_deref())?;
-    config.network.sizes(world.layout())?;
+    config.sizes(world.layout(), arguments.config.as_deref())?;
     if let Some(phases) = arguments.phases {
         config.self_model.phases = phases;
     }
@@ -130,7 +130,7 @@ fn prepare(
             seed: arguments.seed.unwrap_or_default(),
             ..config.self_model
         };
-        let sizes = config.network.sizes(world.layout())?;
+        let sizes = config.sizes(world.layout(), arguments.config.as_deref())?;
         Trainer::with_sizes(world.clone(), settings, sizes)
     };
     if let Some(phases) = arguments.phases {

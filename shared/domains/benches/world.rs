@@ -1,4 +1,4 @@
-//! Speed of the highway world: `cargo bench -p domains`. DESIGN §9 asks for 50,000 steps a second with 50 cars.
+//! Speed of the highway world: `cargo bench -p domains`. The budget is 50,000 steps a second with 50 cars.
 
 use std::hint::black_box;
 use std::sync::Arc;

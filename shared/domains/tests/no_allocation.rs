@@ -1,4 +1,4 @@
-//! Neither stepping nor observing a world allocates, nor do the people in it (DESIGN §9).
+//! Neither stepping nor observing a world allocates, nor do the people in it.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

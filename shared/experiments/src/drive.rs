@@ -14,7 +14,7 @@ use domains::highway::{
 use models::utterances::{Said, UtteranceTable};
 use models::{Communicated, Kind, SelfModel};
 use planning::items::Sectors;
-use planning::{Assistant, Method, Moment, Settings};
+use planning::{Assistant, Method, PlanMoment, Settings};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -311,7 +311,7 @@ impl Rider {
                 hear(&self.table, &shown, &mut self.verbal);
                 let at = [seed, u64::from(episode), u64::from(step)];
                 assistant.observe(&visual, &self.verbal, communicated(&shown), &taken, at);
-                let moment = Moment {
+                let moment = PlanMoment {
                     seed,
                     episode,
                     step,

@@ -31,7 +31,7 @@ pub struct Assistant<I: Items = Sectors> {
 
 /// When a plan is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Moment {
+pub struct PlanMoment {
     /// Seed of the run.
     pub seed: u64,
     /// Episode.
@@ -128,7 +128,7 @@ impl<I: Items> Assistant<I> {
     pub fn search(
         &mut self,
         known_action: Option<&[f32]>,
-        moment: Moment,
+        moment: PlanMoment,
     ) -> Result<Plan, PeopleError> {
         let mut people = LocalPeople {
             model: self.human.as_mut(),
@@ -148,7 +148,7 @@ impl<I: Items> Assistant<I> {
         &mut self,
         people: &mut dyn ImaginedPeople,
         known_action: Option<&[f32]>,
-        moment: Moment,
+        moment: PlanMoment,
     ) -> Result<Plan, PeopleError> {
         let from = from(&self.filter, known_action, moment);
         self.planner.search(&self.model, &from, people)
@@ -163,7 +163,7 @@ impl Assistant {
     pub fn decide(
         &mut self,
         known_action: Option<[f32; 2]>,
-        moment: Moment,
+        moment: PlanMoment,
     ) -> Result<Decision, PeopleError> {
         let known_action = known_action.as_ref().map(<[f32; 2]>::as_slice);
         let plan = self.search(known_action, moment)?;
@@ -174,7 +174,7 @@ impl Assistant {
 fn from<'a>(
     filter: &'a Filter,
     known_action: Option<&'a [f32]>,
-    moment: Moment,
+    moment: PlanMoment,
 ) -> From<'a, &'a [f32]> {
     From {
         mean: &filter.mean,

@@ -1,4 +1,4 @@
-//! The cross-entropy method over independent Bernoulli bits (paper §III-C, "Planning"; DESIGN §6).
+//! The cross-entropy method over independent Bernoulli bits (paper §III-C, "Planning").
 //!
 //! ```text
 //! ω_i ~ Π_b Bernoulli(p_b)        i = 1 … candidates

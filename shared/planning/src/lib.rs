@@ -12,7 +12,7 @@ pub mod planner;
 pub mod round;
 pub mod threaded;
 
-pub use assistant::{Assistant, Moment};
+pub use assistant::{Assistant, PlanMoment};
 pub use chooser::{Chooser, Method};
 pub use imagination::{Imagination, Stage};
 pub use items::Items;

@@ -1,5 +1,5 @@
 //! Belief matching (`kl`, the paper's MIRROR-KL): no plan and no reward; at every step what is communicated brings the
-//! person's belief as near to the robot's as it can be brought (paper §V, "Compared Methods"; DESIGN §6).
+//! person's belief as near to the robot's as it can be brought (paper §V, "Compared Methods").
 //!
 //! ```text
 //! argmin over ω of  KL[q(z^H_{k+1} | z^H_k, ǎ_k, x̊(ω)) ‖ q(z^R_{k+1} | z^R_k, ǎ_k, x̂)],   x̂ = d(E[z^R_{k+1} | z^R_k, ǎ_k])

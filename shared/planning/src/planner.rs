@@ -14,7 +14,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Settings of the planner; defaults are DESIGN §6's and, where that is silent, those of the authors' scripts (§11).
+/// Settings of the planner; the defaults are the paper's and, where it is silent, those of the authors' scripts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {

@@ -1,7 +1,7 @@
 //! A round of a simulated person in a gridworld, with an assistant or without, in one process: the same order of a step as the
 //! running set has.
 
-use crate::assistant::{Assistant, Moment};
+use crate::assistant::{Assistant, PlanMoment};
 use crate::ideal::IdealPeople;
 use crate::people::PeopleError;
 use domains::discrete::{Discrete, End, MAX_ACTIONS, Mind, SimulatedPerson, World};
@@ -86,7 +86,7 @@ pub fn play(
         known[action] = 1.0;
         let items = Communicated::items(told);
         let at = [seed, u64::from(episode), u64::from(step)];
-        let moment = Moment {
+        let moment = PlanMoment {
             seed,
             episode,
             step,

@@ -262,7 +262,7 @@ fn in_gridworlds_every_version_is_tried() {
         let mut action = vec![0.0; layout.actions.rows()];
         assistant.observe(&visual, &verbal, silent, &action, [1, 0, 0]);
         action[0] = 1.0;
-        let moment = planning::Moment {
+        let moment = planning::PlanMoment {
             seed: 1,
             ..Default::default()
         };

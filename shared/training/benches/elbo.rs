@@ -1,4 +1,4 @@
-//! One ELBO step of each gridworld's self-model: batch 32, 16 steps, forward, backward and Adam, in one thread (DESIGN §9); `python
+//! One ELBO step of each gridworld's self-model: batch 32, 16 steps, forward, backward and Adam, in one thread; `python
 //! tools/pytorch_bench.py --only gridworld_elbo_step` times driving's in PyTorch.
 //!
 //! `cargo bench -p training --bench elbo`

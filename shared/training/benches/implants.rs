@@ -1,4 +1,4 @@
-//! Implants of a simulated person in each gridworld, from 4 and from 20 of their rounds (DESIGN §9). The self-model is untrained: how
+//! Implants of a simulated person in each gridworld, from 4 and from 20 of their rounds. The self-model is untrained: how
 //! long learning takes depends on its sizes and on the rounds, not on what it knows.
 //!
 //! `cargo bench -p training --bench implants`

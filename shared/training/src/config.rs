@@ -4,6 +4,8 @@
 //! sort, are refused with file, line and column.
 
 use crate::{cloning, discrete, implants, self_model, sqil};
+use domains::Layout;
+use models::Sizes;
 use models::config::{Network, PolicyNetwork, shipped};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -131,6 +133,21 @@ where
             }
         }
         Ok(())
+    }
+
+    /// Sizes of the self-model over a domain's observations; `file` is where these settings come from.
+    ///
+    /// # Errors
+    /// Names the file and the size that makes no sense.
+    pub fn sizes(&self, layout: &Layout, file: Option<&Path>) -> Result<Sizes, ConfigError> {
+        let sizes = self.network.sizes(layout);
+        sizes.map_err(|error| ConfigError::Problem {
+            file: file
+                .unwrap_or(Path::new(shipped(layout.domain).0))
+                .to_owned(),
+            table: "network",
+            problem: error.to_string(),
+        })
     }
 
     /// As TOML that [`Self::load`] reads back as the same. Seeds are no part of it.

@@ -1,4 +1,4 @@
-//! Bomb defusal (paper, Experiments and Appendix; DESIGN §4): three stages, a button for each, and rules that the person knows
+//! Bomb defusal (paper, Experiments and Appendix): three stages, a button for each, and rules that the person knows
 //! better than the robot.
 //!
 //! Six terminals lie side by side in two rows, drawn as glyphs; one of them is live. Rules map (bomb type, live terminal) to the

@@ -1,4 +1,4 @@
-//! Scene files of bomb defusal: every number, with DESIGN §4's defaults, and both books of rules.
+//! Scene files of bomb defusal: every number, with its default, and both books of rules.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Recorded traffic: CommonRoad scenarios as roads, traffic and drivers (DESIGN §4).
+//! Recorded traffic: CommonRoad scenarios as roads, traffic and drivers.
 //!
 //! [`Scenario::read`] reads a file; [`Scenario::course`] makes road and traffic of it for the highway world;
 //! [`Scene::from_commonroad`](crate::highway::Scene::from_commonroad) does both; [`RecordedSeat`] drives as one of the

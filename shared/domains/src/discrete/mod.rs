@@ -1,4 +1,4 @@
-//! What the three gridworlds have in common (DESIGN §4; paper, Experiments and Appendix): discrete actions, a visual and a verbal
+//! What the three gridworlds have in common (paper, Experiments and Appendix): discrete actions, a visual and a verbal
 //! modality as plain vectors of numbers, regions of them that can be hidden, shown and said, and people who know only what they
 //! perceived.
 //!

@@ -61,7 +61,7 @@ table! {
 pub const STEP_S: f64 = 1.0;
 
 table! {
-    /// `[planning]`: the cross-entropy planner's settings (DESIGN §6), as in the highway's scenes.
+    /// `[planning]`: the cross-entropy planner's settings, as in the highway's scenes.
     pub struct Planning("planning") {
         /// Decisions in the horizon.
         horizon: u32 = 4, 1, 100;

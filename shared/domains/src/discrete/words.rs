@@ -1,5 +1,5 @@
 //! What sentences look like to models and people: a vector for each. The vectors come from outside (a sentence encoder's
-//! embeddings, reduced; DESIGN §4 Language); this crate only places them and recognises them.
+//! embeddings, reduced); this crate only places them and recognises them.
 
 use std::sync::Arc;
 

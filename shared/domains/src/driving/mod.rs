@@ -1,4 +1,4 @@
-//! Gridworld driving (paper, Experiments and Appendix; DESIGN §4): a car at constant speed on two lanes among four others, one of
+//! Gridworld driving (paper, Experiments and Appendix): a car at constant speed on two lanes among four others, one of
 //! which becomes dangerous.
 //!
 //! Car slots, visual regions and utterances have one order: front left, front right, rear left, rear right; a slot keeps its

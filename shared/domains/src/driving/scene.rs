@@ -1,4 +1,4 @@
-//! Scene files of gridworld driving: every number, with DESIGN §4's defaults.
+//! Scene files of gridworld driving: every number, with its default.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
 //! The simulated driver: perceives through LIDAR within sight, remembers, follows (IDM), changes lanes (MOBIL), with
-//! delay and noise (DESIGN §4, "Simulated people").
+//! delay and noise (docs/reproduce.md).
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -3,7 +3,7 @@
 use super::scene::FogSpec;
 use super::{AZIMUTHS, LIDAR_RANGE_M};
 
-/// Distances of the shipped fog scene, in whose proportions `--fog METRES` scales (README of the scenes).
+/// Distances of the shipped fog scene, in whose proportions `--fog METRES` scales (`launch/scenes/highway-fog.toml`).
 pub(crate) const PATTERN: FogSpec = FogSpec {
     front_m: 15.0,
     side_m: 8.0,

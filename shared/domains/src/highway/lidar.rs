@@ -1,4 +1,4 @@
-//! The semantic LIDAR: 36 azimuths × 3 height bands, cast against the silhouettes of cars (DESIGN §4).
+//! The semantic LIDAR: 36 azimuths × 3 height bands, cast against the silhouettes of cars.
 
 use super::geometry::OrientedBox;
 use super::traffic::CarState;

@@ -1,4 +1,4 @@
-//! Highway driving (DESIGN §4 and §11; the paper's CARLA study).
+//! Highway driving (the paper's CARLA study).
 //!
 //! Azimuth a counts anticlockwise from straight ahead, 10° each. Actions are `[throttle or brake, steer]`, each in
 //! [−1, 1], steer left positive.
@@ -53,7 +53,7 @@ pub const EGO_ROAD_M: f32 = 7.0;
 /// How far ahead the road's heading change is measured.
 pub const EGO_AHEAD_M: f64 = 10.0;
 
-/// What the car measures in a step (DESIGN §4).
+/// What the car measures in a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
     /// Range over 40 m, 1 where nothing is in range: `range[band · 36 + azimuth]`.

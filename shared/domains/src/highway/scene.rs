@@ -1,4 +1,4 @@
-//! Scene files: every number of the highway (DESIGN §4 and §11), with the defaults given there.
+//! Scene files: every number of the highway, with its default: the paper's appendix "CARLA" and, where it is silent, the authors' scripts.
 
 mod traffic;
 
@@ -108,7 +108,7 @@ table! {
 }
 
 table! {
-    /// `[reward]`: the paper's appendix, with DESIGN's weights.
+    /// `[reward]`: the terms of the paper's appendix, with weights of our own.
     pub struct Reward("reward") {
         /// v_max of r^speed.
         top_speed_kmh: f64 = 40.0, 1.0, 300.0;
@@ -150,7 +150,7 @@ table! {
 }
 
 table! {
-    /// `[planning]`: the cross-entropy planner's settings (DESIGN §6 and §11).
+    /// `[planning]`: the cross-entropy planner's settings.
     pub struct Planning("planning") {
         /// Decisions in the horizon.
         horizon: u32 = 4, 1, 100;

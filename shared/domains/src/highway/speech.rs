@@ -1,4 +1,4 @@
-//! What can be said: six sectors, three kinds of utterance, eighteen sentences (DESIGN §4).
+//! What can be said: six sectors, three kinds of utterance, eighteen sentences.
 
 use super::{AZIMUTHS, LIDAR_RANGE_M, Observation, SECTORS};
 

@@ -1,4 +1,4 @@
-//! The highway world: ego car, traffic, sensing and reward (DESIGN §4; the paper's appendix "CARLA").
+//! The highway world: ego car, traffic, sensing and reward (the paper's appendix "CARLA").
 
 mod case;
 mod ego;

@@ -1,4 +1,4 @@
-//! Search and rescue (paper, Experiments and Appendix; DESIGN §4): find the victim in a burning house and bring them back to the
+//! Search and rescue (paper, Experiments and Appendix): find the victim in a burning house and bring them back to the
 //! entrance.
 //!
 //! The map has 9 × 9 cells, a pixel each, in 3 × 3 portions of 3 × 3 cells: the window of the paper's convolution (kernel 3,
