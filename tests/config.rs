@@ -90,6 +90,36 @@ fn what_a_file_changes_is_used() {
     assert!(output.status.success(), "{}", told(&output));
 }
 
+/// A highway model whose z is smaller than what ships, and than what messages hold, is learned and planned with.
+#[test]
+fn a_smaller_model_of_the_highway_plans() {
+    let bench = Bench::new();
+    let config = bench.write(
+        "small.toml",
+        "[network]\nlatent = 24\n[self_model]\ngradient_steps = 4\n",
+    );
+    let small = bench.path("small");
+    let output = train("highway", &small, Some(&config));
+    assert!(output.status.success(), "{}", told(&output));
+    let scene = bench.write(
+        "short.toml",
+        "name = \"short\"\n[episode]\nmax_steps = 4\n[planning]\nsamples = 40\nelites = 8\n",
+    );
+    for planner in ["ce", "kl"] {
+        let mut up = mirror();
+        up.args(["up", "--episodes", "2", "--human", "self", "--planner"]);
+        up.args([planner, "--instance", &common::instance("small")]);
+        let output = run(up
+            .arg("--self-model")
+            .arg(&small)
+            .arg("--scene")
+            .arg(&scene));
+        assert!(output.status.success(), "{planner}: {}", told(&output));
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(said.contains("2 whole episodes, 8 steps"), "{said}");
+    }
+}
+
 #[test]
 fn what_is_learned_of_people_has_settings_too() {
     let bench = Bench::new();

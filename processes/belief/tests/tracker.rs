@@ -161,3 +161,9 @@ fn a_model_that_cannot_be_used_is_an_error_that_names_its_file() {
         );
     }
 }
+
+/// The largest z that a model's file may claim is what a message holds.
+#[test]
+fn the_largest_belief_fits_a_message() {
+    assert_eq!(RobotBelief::ZERO.mean.len(), models::MOST_LATENT);
+}

@@ -54,6 +54,15 @@ impl ActionSpace {
     }
 }
 
+/// Costs of communicating at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuadraticCosts {
+    /// Showing n regions at once costs this times n².
+    pub visual: f32,
+    /// Saying n utterances at once costs this times n².
+    pub verbal: f32,
+}
+
 /// The meaning of a world's numbers. It owns the small tables, so that it can be cloned into models.
 #[derive(Clone, Debug)]
 pub struct Layout {
@@ -85,10 +94,9 @@ pub struct Layout {
     pub heard: u32,
     /// What can be communicated: the display cannot show every region.
     pub communicable: Mask,
-    /// Showing n regions at once costs this times n².
-    pub visual_cost: f32,
-    /// Saying n utterances at once costs this times n².
-    pub verbal_cost: f32,
+    /// What communicating costs, where that depends on the number of items alone; none on the highway, where the planner's
+    /// settings say it.
+    pub costs: Option<QuadraticCosts>,
     /// What the actions are called.
     pub action_names: &'static [&'static str],
     /// What the visual regions are called.
@@ -107,7 +115,7 @@ impl Layout {
     /// Everything that can be hidden.
     pub fn everything(&self) -> Mask {
         Mask {
-            visual: u64::MAX >> (64 - self.regions),
+            visual: u64::MAX.checked_shr(64 - self.regions as u32).unwrap_or(0),
             verbal: ((1u64 << self.utterances) - 1) as u32,
         }
     }
@@ -126,10 +134,12 @@ impl Layout {
         }
     }
 
-    /// Cost of communicating a set in one step: visual_cost · n² + verbal_cost · m².
+    /// Cost of communicating a set in one step: visual · n² + verbal · m²; 0 without [`Self::costs`].
     pub fn cost(&self, communicated: Mask) -> f32 {
         let (shown, said) = communicated.count();
-        self.visual_cost * (shown * shown) as f32 + self.verbal_cost * (said * said) as f32
+        self.costs.map_or(0.0, |costs| {
+            costs.visual * (shown * shown) as f32 + costs.verbal * (said * said) as f32
+        })
     }
 
     /// Whether a visual number is seen under a mask.
@@ -151,16 +161,6 @@ impl Layout {
             if !mask.hears(self.verbal_utterance[number] as usize) {
                 *value = 0.0;
             }
-        }
-    }
-
-    /// Writes a mask as numbers, 1 for what is in it: `visual` per region, `verbal` per utterance.
-    pub fn mask_numbers(&self, mask: Mask, visual: &mut [f32], verbal: &mut [f32]) {
-        for (region, value) in visual.iter_mut().enumerate() {
-            *value = f32::from(u8::from(mask.sees(region)));
-        }
-        for (utterance, value) in verbal.iter_mut().enumerate() {
-            *value = f32::from(u8::from(mask.hears(utterance)));
         }
     }
 }

@@ -17,6 +17,6 @@ mod mask;
 mod perception;
 pub mod search_rescue;
 
-pub use layout::{ActionSpace, Image, Layout};
+pub use layout::{ActionSpace, Image, Layout, QuadraticCosts};
 pub use mask::Mask;
-pub use perception::{MAX_LIMITS, Perception};
+pub use perception::Perception;

@@ -6,15 +6,12 @@
 
 use core::fmt::Debug;
 
-/// Most limits that a domain's people have: the highway's azimuths.
-pub const MAX_LIMITS: usize = 64;
-
 /// A domain's distances and limits.
 pub trait Perception: Debug + Send + Sync {
     /// Visual regions.
     fn regions(&self) -> usize;
 
-    /// Limits that a person has, at most [`MAX_LIMITS`].
+    /// Limits that a person has, at least one.
     fn limits(&self) -> usize;
 
     /// Limits that are taken to be alike where learning starts, as numbers of groups from 0.

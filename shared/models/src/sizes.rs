@@ -1,6 +1,6 @@
 //! Network sizes and fixed deviations of self-models (paper, appendix, "Model Architectures and Training").
 
-use crate::config::{self, ImageNetwork, Network};
+use crate::config::{self, Network};
 use crate::observation::Shape;
 use domains::Layout;
 use serde::{Deserialize, Serialize};
@@ -90,14 +90,8 @@ impl Sizes {
 
     /// These networks over observations of a domain.
     pub(crate) fn with_network(network: &Network, layout: &Layout) -> Self {
-        // What a file without images says of none is what they have by default.
-        let networks = network.image.unwrap_or(ImageNetwork {
-            channels: 4,
-            patterns: 16,
-            hidden: 48,
-            features: 16,
-        });
-        let image = layout.image.map(|image| ImageSizes {
+        let image = layout.image.zip(network.image);
+        let image = image.map(|(image, networks)| ImageSizes {
             height: image.height,
             width: image.width,
             colours: image.channels,

@@ -101,9 +101,14 @@ where
         let Some(file) = file else {
             return Ok(Self::of_shipped(domain));
         };
-        let text = std::fs::read_to_string(file).map_err(|source| ConfigError::Read {
+        let bytes = std::fs::read(file).map_err(|source| ConfigError::Read {
             file: file.to_owned(),
             source,
+        })?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let valid = error.utf8_error().valid_up_to();
+            let before = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
+            at(file, &before, valid, "not UTF-8 text".to_owned())
         })?;
         let config: Self = merged(domain, file, &text)?;
         config.check(file)?;
@@ -173,20 +178,23 @@ pub fn gridworld(domain: &str) -> GridworldConfig {
     Config::of_shipped(domain)
 }
 
+/// What is wrong at byte `start` of a file's text.
+fn at(file: &Path, text: &str, start: usize, message: String) -> ConfigError {
+    let mut end = start.min(text.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    let before = &text[..end];
+    ConfigError::Parse {
+        file: file.to_owned(),
+        line: before.matches('\n').count() + 1,
+        column: before.rsplit('\n').next().unwrap_or("").chars().count() + 1,
+        message,
+    }
+}
+
 fn merged<T: DeserializeOwned>(domain: &str, file: &Path, text: &str) -> Result<T, ConfigError> {
-    let at = |start: usize, message: String| {
-        let mut end = start.min(text.len());
-        while !text.is_char_boundary(end) {
-            end -= 1;
-        }
-        let before = &text[..end];
-        ConfigError::Parse {
-            file: file.to_owned(),
-            line: before.matches('\n').count() + 1,
-            column: before.rsplit('\n').next().unwrap_or("").chars().count() + 1,
-            message,
-        }
-    };
+    let at = |start: usize, message: String| at(file, text, start, message);
     let said = DeTable::parse(text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start);
         at(start, error.message().to_owned())
@@ -236,13 +244,13 @@ fn replace(
     match (known, said.get_ref()) {
         (Value::Table(known), DeValue::Table(said)) => return overlay(said, known),
         (Value::Float(known), said) => match number(said) {
-            Some(x) if x.is_finite() => *known = x,
+            Some(x) if (x as f32).is_finite() => *known = x,
             _ => return wrong("a finite number"),
         },
         (Value::Integer(known), DeValue::Integer(x)) => {
             match i64::from_str_radix(x.as_str(), x.radix()) {
-                Ok(x) if x >= 0 => *known = x,
-                _ => return wrong("a whole number of at least 0"),
+                Ok(x) if (0..=u32::MAX.into()).contains(&x) => *known = x,
+                _ => return wrong("a whole number from 0 to 4294967295"),
             }
         }
         (Value::Boolean(known), DeValue::Boolean(x)) => *known = *x,
@@ -315,7 +323,9 @@ mod tests {
             ),
             ("[networks]\n", ":1:2:", "`networks`"),
             ("[sqil]\nrounds = \"x\"\n", ":2:10:", "string"),
-            ("[sqil]\nrounds = -1\n", ":2:10:", "at least 0"),
+            ("[sqil]\nrounds = -1\n", ":2:10:", "from 0 to"),
+            ("[sqil]\nrounds = 4294967296\n", ":2:10:", "from 0 to"),
+            ("[sqil]\nlearning_rate = 1e39\n", ":2:17:", "finite"),
             ("[sqil]\nlearning_rate = nan\n", ":2:17:", "finite"),
             ("[cloning]\nlayers = [1, 2]\n", ":2:10:", "3 numbers"),
             ("[cloning\n", ":1:9:", ""),
@@ -332,6 +342,17 @@ mod tests {
             let named = ["mine.toml", place, word].iter().all(|s| error.contains(s));
             assert!(named, "{text:?}: {error}");
         }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_named_with_their_place() {
+        let (_folder, path) = file("");
+        std::fs::write(&path, b"[sqil]\nrounds = \xff").expect("written");
+        let error = HighwayConfig::load("highway", Some(&path)).expect_err("no text");
+        assert!(
+            error.to_string().contains("mine.toml:2:10: not UTF-8"),
+            "{error}"
+        );
     }
 
     proptest! {

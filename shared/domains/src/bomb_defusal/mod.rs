@@ -20,7 +20,7 @@ pub use person::Person;
 pub use scene::{Reward, Rules, Scene, Table};
 pub use world::World;
 
-use crate::{ActionSpace, Image, Layout, Mask};
+use crate::{ActionSpace, Image, Layout, Mask, QuadraticCosts};
 
 /// The domain's name.
 pub const NAME: &str = "bomb_defusal";
@@ -100,8 +100,10 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
             visual: 0x3f,
             verbal: 1,
         },
-        visual_cost: scene.communication.visual_cost as f32,
-        verbal_cost: scene.communication.verbal_cost as f32,
+        costs: Some(QuadraticCosts {
+            visual: scene.communication.visual_cost as f32,
+            verbal: scene.communication.verbal_cost as f32,
+        }),
         action_names: &["button 1", "button 2", "button 3", "wait"],
         region_names: &[
             "terminal 1",

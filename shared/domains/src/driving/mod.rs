@@ -20,7 +20,7 @@ pub use scene::{Fog, Reward, Scene, Traffic};
 pub use traffic::{Car, advance, best_action, reward_terms};
 pub use world::World;
 
-use crate::{ActionSpace, Layout, Mask};
+use crate::{ActionSpace, Layout, Mask, QuadraticCosts};
 
 /// The domain's name.
 pub const NAME: &str = "driving";
@@ -80,8 +80,10 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
             visual: 0b0011,
             verbal: 0b1111,
         },
-        visual_cost: scene.communication.visual_cost as f32,
-        verbal_cost: scene.communication.verbal_cost as f32,
+        costs: Some(QuadraticCosts {
+            visual: scene.communication.visual_cost as f32,
+            verbal: scene.communication.verbal_cost as f32,
+        }),
         action_names: &["stay", "switch"],
         region_names: &NAMES,
         utterance_names: &NAMES,

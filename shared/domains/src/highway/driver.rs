@@ -1,5 +1,5 @@
 //! The simulated driver: perceives through LIDAR within sight, remembers, follows (IDM), changes lanes (MOBIL), with
-//! delay and noise (docs/reproduce.md).
+//! delay and noise.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

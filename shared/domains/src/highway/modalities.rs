@@ -148,6 +148,13 @@ impl Perception for MetresToReturns {
     }
 }
 
+/// Directions of the azimuths, anticlockwise from straight ahead.
+const AZIMUTH_NAMES: [&str; AZIMUTHS] = [
+    "0°", "10°", "20°", "30°", "40°", "50°", "60°", "70°", "80°", "90°", "100°", "110°", "120°",
+    "130°", "140°", "150°", "160°", "170°", "180°", "190°", "200°", "210°", "220°", "230°", "240°",
+    "250°", "260°", "270°", "280°", "290°", "300°", "310°", "320°", "330°", "340°", "350°",
+];
+
 /// What the highway's numbers mean.
 pub fn layout() -> Arc<Layout> {
     static LAYOUT: OnceLock<Arc<Layout>> = OnceLock::new();
@@ -177,12 +184,20 @@ pub fn layout() -> Arc<Layout> {
                 visual: reached.fold(0, |bits, sector| bits | 1 << sector),
                 verbal: (1 << SECTORS) - 1,
             },
-            visual_cost: 0.0,
-            verbal_cost: 0.0,
+            costs: None,
             action_names: &["throttle", "steer"],
-            region_names: &[],
+            region_names: &AZIMUTH_NAMES,
             utterance_names: &SECTOR_NAMES,
-            terms: &[],
+            terms: &[
+                "speed",
+                "brake",
+                "steer",
+                "change",
+                "center",
+                "proximity",
+                "road",
+                "collision",
+            ],
             success: "the end of the road reached",
             accident: "hit another car",
         })

@@ -21,7 +21,7 @@ pub use searcher::Searcher;
 pub use world::World;
 
 use crate::discrete::Setting;
-use crate::{ActionSpace, Image, Layout, Mask};
+use crate::{ActionSpace, Image, Layout, Mask, QuadraticCosts};
 
 /// The domain's name.
 pub const NAME: &str = "search_rescue";
@@ -125,8 +125,10 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
             visual: 0x1ff,
             verbal: 0x1f,
         },
-        visual_cost: scene.communication.visual_cost as f32,
-        verbal_cost: scene.communication.verbal_cost as f32,
+        costs: Some(QuadraticCosts {
+            visual: scene.communication.visual_cost as f32,
+            verbal: scene.communication.verbal_cost as f32,
+        }),
         action_names: &["up", "down", "left", "right"],
         region_names: &[
             "top left",
