@@ -210,7 +210,7 @@ fn play(scene: &discrete::Scene, person: Option<&Path>) -> Result<(), String> {
         None => refusal(SimulatedPerson::builtin(scene, 1, &words))?,
         Some(file) => refusal(SimulatedPerson::load(scene, file, &words))?,
     };
-    training::discrete::Rounds::record(&mut world, &mut mind, 1, 0, 1);
+    training::rounds::Rounds::record(&mut world, &mut mind, 1, 0, 1);
     Ok(())
 }
 
@@ -361,7 +361,7 @@ fn checkpoints_of_training() {
 fn demonstrations() {
     let mut fuzz = Fuzz::new("rounds.safetensors");
     let file = fuzz.folder.path().join("original");
-    let highway = training::demonstrations::record_in(
+    let highway = training::rounds::Rounds::record_drives_in(
         Arc::new(highway::Scene::builtin("highway-fog").unwrap()),
         &Person::builtin(1).unwrap(),
         1,
@@ -371,7 +371,8 @@ fn demonstrations() {
     highway.unwrap().save(&file).unwrap();
     let original = vec![std::fs::read(&file).unwrap()];
     fuzz.read(&original, 150, &|path| {
-        let read = refusal(training::demonstrations::Demonstrations::load(path))?;
+        let layout = highway::modalities::layout();
+        let read = refusal(training::rounds::Rounds::load(path, &layout))?;
         let settings = training::implants::Settings::default();
         // What is too short to learn from is said with the file's name by who asked.
         drop(training::implants::windows(&read, &settings, 8));
@@ -400,11 +401,11 @@ fn demonstrations() {
     let mut world = discrete::World::new(&scene, &words).unwrap();
     let layout = world.layout().clone();
     let mut person = SimulatedPerson::builtin(&scene, 1, &words).unwrap();
-    let rounds = training::discrete::Rounds::record(&mut world, &mut person, 1, 0, 3);
+    let rounds = training::rounds::Rounds::record(&mut world, &mut person, 1, 0, 3);
     rounds.save(&file).unwrap();
     let original = vec![std::fs::read(&file).unwrap()];
     fuzz.read(&original, 150, &|path| {
-        refusal(training::discrete::Rounds::load(path, &layout)).map(drop)
+        refusal(training::rounds::Rounds::load(path, &layout)).map(drop)
     });
     fuzz.refuse_by_program(&|path| train("driving", path));
 }

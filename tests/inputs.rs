@@ -9,7 +9,7 @@ use common::{Bench, assert_nothing_left, instance, mirror, run, summary, told};
 use domains::discrete::{Domain, Scene, Setting, SimulatedPerson, World};
 use mini::{Mini, car, drive, parked, problem};
 use std::path::{Path, PathBuf};
-use training::discrete::{Round, Rounds};
+use training::rounds::{Round, Rounds};
 
 /// Drives a scene with a simulated person: what was printed, and the summary.
 fn driven(bench: &Bench, scene: &Path, test: &str) -> (String, serde_json::Value) {

@@ -431,7 +431,7 @@ pub struct DemosArguments {
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = rounds)]
     pub rounds: usize,
     /// Seed of the rounds
-    #[arg(long, value_name = "N", default_value_t = crate::learn::DEMONSTRATION_SEED)]
+    #[arg(long, value_name = "N", default_value_t = crate::inputs::DEMONSTRATION_SEED)]
     pub seed: u64,
     /// Where to write them
     #[arg(long, value_name = "FILE.safetensors")]

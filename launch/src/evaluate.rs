@@ -17,7 +17,7 @@ use experiments::implants;
 use planning::Settings;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::time::Instant;
 
 /// `mirror evaluate`.
@@ -34,7 +34,7 @@ pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
             Some(domain) => gridworld::evaluate::implants(arguments, domain),
             None => implants(arguments),
         },
-        Evaluate::All(arguments) => evaluate_all::all(arguments),
+        Evaluate::All(arguments) => evaluate_all::all(arguments, evaluate),
     }
 }
 
@@ -75,9 +75,9 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
             .iter()
             .any(|condition| condition.human().is_some());
         let model = planned
-            .then(|| inputs::self_model(arguments.files.self_model.as_deref()))
+            .then(|| inputs::self_model(None, arguments.files.self_model.as_deref()))
             .transpose()?;
-        Ok((conditions, model.map(|(_, model)| Arc::new(model))))
+        Ok((conditions, model.map(|(_, model)| model)))
     };
     let (conditions, model) = plan().map_err(Failure::refused)?;
     let mut study = Study {
@@ -187,8 +187,8 @@ fn print_drive(report: &Report) {
 
 /// `mirror evaluate implants`: what was learned of people's sight against the truth.
 fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> {
-    let (_, model) =
-        inputs::self_model(arguments.files.self_model.as_deref()).map_err(Failure::refused)?;
+    let (_, model) = inputs::self_model(None, arguments.files.self_model.as_deref())
+        .map_err(Failure::refused)?;
     let out: &Path = &arguments.files.out;
     std::fs::create_dir_all(out)
         .with_context(|| out.display().to_string())

@@ -1,8 +1,7 @@
 //! `mirror evaluate all`: every study, one after the other, and the time of each.
 
-use crate::cli::{Cli, Command, EvaluateAllArguments};
+use crate::cli::{Cli, Command, Evaluate, EvaluateAllArguments};
 use crate::console::out;
-use crate::evaluate::evaluate;
 use crate::failure::Failure;
 use crate::learn::command_line;
 use crate::results_file::results_file;
@@ -30,8 +29,11 @@ const PARTS: [(&str, &str, &str); 12] = [
     ("drive", "highway", "highway-self"),
 ];
 
-/// `mirror evaluate all`.
-pub fn all(arguments: &EvaluateAllArguments) -> Result<ExitCode, Failure> {
+/// `mirror evaluate all`; `evaluate` runs one study.
+pub fn all(
+    arguments: &EvaluateAllArguments,
+    evaluate: fn(&Evaluate) -> Result<ExitCode, Failure>,
+) -> Result<ExitCode, Failure> {
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| arguments.out.display().to_string())
         .map_err(Failure::refused)?;

@@ -13,7 +13,7 @@ use experiments::real::{MODELS, Report, Rule, Study, run};
 use experiments::results::{with_interval, write_section};
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::time::Instant;
 
 /// The recorded scene that is studied if nobody says otherwise.
@@ -24,8 +24,8 @@ const QUICK_SPLITS: u32 = 2;
 /// `mirror evaluate real`.
 pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
     let started = Instant::now();
-    let (_, model) =
-        inputs::self_model(arguments.files.self_model.as_deref()).map_err(Failure::refused)?;
+    let (_, model) = inputs::self_model(None, arguments.files.self_model.as_deref())
+        .map_err(Failure::refused)?;
     let splits = match arguments.quick {
         true => arguments.splits.min(QUICK_SPLITS),
         false => arguments.splits,
@@ -43,7 +43,7 @@ pub fn real(arguments: &EvaluateRealArguments) -> Result<ExitCode, Failure> {
     };
     let out: &Path = &arguments.files.out;
     let progress = OnceLock::new();
-    let report = run(&study, &Arc::new(model), out, &|done, total| {
+    let report = run(&study, &model, out, &|done, total| {
         let progress = progress.get_or_init(|| Progress::new("models", total as u64));
         progress.at(done as u64, "");
     })?;

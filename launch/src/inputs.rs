@@ -3,11 +3,16 @@
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::ValueEnum;
-use domains::highway::Person;
+use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, Words, World};
+use domains::highway::{Person, modalities};
 use driver::Driving;
 use models::{Kind, SelfModel};
 use planner::PlannerMethod;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Seed of demonstrations: never the rounds that are driven or scored with what was learned from them.
+pub const DEMONSTRATION_SEED: u64 = 0x6465_6d6f;
 
 /// Reads who drives on the highway: `sim:ID`, `sim:FILE` or `recorded:ID`.
 ///
@@ -96,17 +101,69 @@ pub fn writable_file(option: &str, path: &Path) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// The robot's self-model of the highway: the given file or the one that ships.
+/// The robot's self-model of a gridworld, or of the highway: the given file or the one that ships.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn self_model(given: Option<&Path>) -> Result<(PathBuf, SelfModel)> {
+pub fn self_model(
+    domain: Option<Domain>,
+    given: Option<&Path>,
+) -> Result<(PathBuf, Arc<SelfModel>)> {
     let path = match given {
         Some(path) => model_file(path)?,
-        None => models::shipped::path(models::shipped::HIGHWAY),
+        None => shipped_self_model(domain),
     };
-    let model = SelfModel::load(&path, domains::highway::modalities::layout())?;
-    Ok((path, model))
+    let layout = match domain {
+        None => modalities::layout(),
+        Some(domain) => {
+            let world = world(&Scene::of(domain, Setting::Original))?;
+            Arc::new(world.layout().clone())
+        }
+    };
+    let model = SelfModel::load(&path, layout)?;
+    Ok((path, Arc::new(model)))
+}
+
+/// The file of the self-model that ships, of a gridworld or of the highway.
+pub fn shipped_self_model(domain: Option<Domain>) -> PathBuf {
+    models::shipped::path(match domain {
+        None => models::shipped::HIGHWAY,
+        Some(Domain::Driving) => models::shipped::DRIVING,
+        Some(Domain::SearchRescue) => models::shipped::SEARCH_RESCUE,
+        Some(Domain::BombDefusal) => models::shipped::BOMB_DEFUSAL,
+    })
+}
+
+/// The words of a domain that ship with the project.
+///
+/// # Errors
+/// If the shipped table is damaged.
+pub fn words(domain: Domain) -> Result<Words> {
+    Ok(models::words::shipped(domain)?)
+}
+
+/// The world of a gridworld's scene, with the words that ship.
+///
+/// # Errors
+/// If the words do not fit.
+pub fn world(scene: &Scene) -> Result<World> {
+    Ok(World::new(scene, &words(scene.domain())?)?)
+}
+
+/// The simulated person of this number, or of this file, in a gridworld's scene.
+///
+/// # Errors
+/// Names the option, or the file and the place in it.
+pub fn person(option: &str, text: &str, scene: &Scene) -> Result<SimulatedPerson> {
+    let words = words(scene.domain())?;
+    if !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit()) {
+        let id = text
+            .parse()
+            .with_context(|| format!("{option} {text}: not a number"))?;
+        return SimulatedPerson::builtin(scene, id, &words)
+            .with_context(|| format!("{option} {text}"));
+    }
+    Ok(SimulatedPerson::load(scene, Path::new(text), &words)?)
 }
 
 /// A model's file as every process finds it: by its whole path, or by its name if it ships.

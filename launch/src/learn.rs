@@ -1,28 +1,29 @@
 //! Learning what a person sees and does: `mirror demos`, `mirror train human`, and what `mirror up` does at its start for
 //! a person that nothing was learned of yet.
 
-use crate::cli::{DemosArguments, Setting, TrainHumanArguments};
+use crate::cli::{DemosArguments, Setting as Asked, TrainHumanArguments};
 use crate::console::out;
 use crate::failure::Failure;
-use crate::gridworld;
-use crate::inputs;
+use crate::inputs::{self, DEMONSTRATION_SEED};
 use crate::screen::Progress;
 use anyhow::{Context, Result, anyhow, ensure};
-use domains::highway::{Person, Scene, modalities};
+use domains::discrete::{self, Discrete, Setting};
+use domains::highway::{self, Person};
 use driver::Driving;
 use models::{Kind, SelfModel};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
-use training::config::{self, HighwayConfig};
-use training::demonstrations::{Demonstrations, record_in};
-use training::implants::{Settings, learn};
-use training::policies::{self, Expert, Learned};
+use training::config::{self, Checked, Config, ConfigError, GridworldConfig, HighwayConfig};
+use training::people::{Demonstrations, ImplantLearner, learn, wants_original};
+use training::rounds::{Round, Rounds};
 
-/// Seed of demonstrations: never the rounds that are driven or scored with what was learned from them.
-pub const DEMONSTRATION_SEED: u64 = 0x6465_6d6f;
-/// Rounds that `mirror up` learns from: each of the six cases once.
-const ROUNDS: usize = 6;
+/// Rounds on the highway that `mirror up` learns from: each of the six cases once.
+const HIGHWAY_ROUNDS: usize = 6;
+/// Rounds in a gridworld that `mirror up` learns from, at least.
+const GRIDWORLD_ROUNDS: u32 = 8;
 
 /// The command that this program was called with, for the metadata of the files that it makes.
 pub fn command_line() -> String {
@@ -35,59 +36,80 @@ pub fn command_line() -> String {
 
 /// `mirror demos`: records rounds of a simulated person without communication.
 pub fn demos(arguments: &DemosArguments) -> Result<ExitCode, Failure> {
-    if let Some(domain) = arguments.domain.gridworld() {
-        return gridworld::learn::demos(arguments, domain);
-    }
+    let setting = match arguments.setting {
+        Asked::Original => Setting::Original,
+        Asked::Transfer => Setting::Transfer,
+    };
     let plan = || -> Result<_> {
         let out = inputs::writable("--out", &arguments.out)?;
-        let Driving::Simulated(person) = inputs::driver(&format!("sim:{}", arguments.person))?
-        else {
-            return Err(anyhow!(
-                "--person {}: not a simulated person",
-                arguments.person
-            ));
+        let (seed, count) = (arguments.seed, arguments.rounds);
+        let rounds = match arguments.domain.gridworld() {
+            Some(domain) => {
+                let scene = discrete::Scene::of(domain, setting);
+                play(&scene, &arguments.person, seed, u32::try_from(count)?)?
+            }
+            None => drive(setting, &arguments.person, seed, count)?,
         };
-        let name = match arguments.setting {
-            Setting::Original => "highway-clear",
-            Setting::Transfer => "highway-fog",
-        };
-        Ok((out, person, Scene::builtin(name)?))
+        Ok((out, rounds))
     };
-    let (out, person, scene) = plan().map_err(Failure::refused)?;
-    let mut demonstrations = record_in(
-        Arc::new(scene),
-        &person,
-        arguments.seed,
-        0,
-        arguments.rounds,
-    )
-    .context("the scene's road")?;
-    demonstrations.source = command_line();
-    demonstrations.save(&out).map_err(anyhow::Error::from)?;
-    let steps: usize = demonstrations
-        .rounds
-        .iter()
-        .map(|round| round.steps.len())
-        .sum();
-    let collided = demonstrations
-        .rounds
-        .iter()
-        .filter(|round| round.collided)
-        .count();
+    let (out, mut rounds) = plan().map_err(Failure::refused)?;
+    rounds.source = command_line();
+    rounds.save(&out).map_err(anyhow::Error::from)?;
+    let count = rounds.rounds.len();
+    let result = match arguments.domain.gridworld() {
+        Some(_) => {
+            let reward: f32 = rounds.rounds.iter().flat_map(|r| &r.reward).sum();
+            format!("mean reward {:.2}", reward / count.max(1) as f32)
+        }
+        None => {
+            let collided = rounds.rounds.iter().filter(|round| round.ended);
+            format!("{} collisions", collided.count())
+        }
+    };
     out!(
-        "{}: {} rounds, {steps} steps, {collided} collisions",
+        "{}: {count} rounds, {} steps, {result}",
         out.display(),
-        demonstrations.rounds.len()
+        rounds.steps()
     );
     Ok(ExitCode::SUCCESS)
 }
 
+/// Lets a simulated person, by number or file, play rounds 0, 1, … of `seed` in a gridworld's scene without an assistant.
+fn play(scene: &discrete::Scene, person: &str, seed: u64, rounds: u32) -> Result<Rounds> {
+    let mut world = inputs::world(scene)?;
+    let mut person = inputs::person("--person", person, scene)?;
+    Ok(Rounds::record(&mut world, &mut person, seed, 0, rounds))
+}
+
+/// Lets a simulated driver, by number or file, drive rounds 0, 1, … of `seed` on the highway without an assistant.
+fn drive(setting: Setting, person: &str, seed: u64, rounds: usize) -> Result<Rounds> {
+    let Driving::Simulated(driver) = inputs::driver(&format!("sim:{person}"))? else {
+        return Err(anyhow!("--person {person}: not a simulated person"));
+    };
+    let scene = Arc::new(highway::Scene::builtin(match setting {
+        Setting::Original => "highway-clear",
+        Setting::Transfer => "highway-fog",
+    })?);
+    Rounds::record_drives_in(scene, &driver, seed, 0, rounds).context("the scene's road")
+}
+
 /// `mirror train human`: learns implants or a policy from demonstrations.
 pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure> {
-    if let Some(domain) = arguments.domain.gridworld() {
-        return gridworld::learn::train_human(arguments, domain);
+    let (domain, file) = (arguments.domain.name(), arguments.config.as_deref());
+    match arguments.domain.gridworld() {
+        Some(_) => train_with(arguments, GridworldConfig::load(domain, file)),
+        None => train_with(arguments, HighwayConfig::load(domain, file)),
     }
-    let config = HighwayConfig::load(modalities::NAME, arguments.config.as_deref());
+}
+
+fn train_with<S, I>(
+    arguments: &TrainHumanArguments,
+    config: Result<Config<S, I>, ConfigError>,
+) -> Result<ExitCode, Failure>
+where
+    S: Checked + DeserializeOwned + Serialize,
+    I: Checked + DeserializeOwned + Serialize + ImplantLearner,
+{
     let config = config.map_err(Failure::refused)?;
     if arguments.print_config {
         out!("{}", config.to_toml().trim_end());
@@ -99,29 +121,57 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
         let demos = arguments.demos.as_deref().context("--demos: which file?")?;
         let kind = inputs::human("--kind", &arguments.kind)?;
         ensure!(
-            arguments.original.is_none(),
-            "--original: on the highway an expert's rounds in clear weather stand in for these"
+            kind.learns(),
+            "--kind {}: learns nothing of a person",
+            kind.name()
         );
-        let (_, model) = inputs::self_model(arguments.self_model.as_deref())?;
-        Ok((out, demos, kind, model, Demonstrations::load(demos)?))
+        let domain = arguments.domain.gridworld();
+        let (_, model) = inputs::self_model(domain, arguments.self_model.as_deref())?;
+        let rounds = Rounds::load(demos, &model.layout)?;
+        let original = match &arguments.original {
+            None => None,
+            Some(path) => {
+                ensure!(
+                    domain.is_some(),
+                    "--original: on the highway an expert's rounds in clear weather stand in for these"
+                );
+                ensure!(
+                    wants_original(kind, rounds.setting),
+                    "--original: only bc and sqil learn from rounds of both settings, and only for the transfer setting"
+                );
+                let original = Rounds::load(path, &model.layout)?;
+                ensure!(
+                    original.setting == Setting::Original,
+                    "--original {}: rounds of the transfer setting",
+                    path.display()
+                );
+                Some(original)
+            }
+        };
+        Ok((out, demos, kind, model, rounds, original))
     };
-    let (out, demos, kind, model, demonstrations) = plan().map_err(Failure::refused)?;
+    let (out, demos, kind, model, rounds, original) = plan().map_err(Failure::refused)?;
+    let demonstrations = Demonstrations {
+        original: original.as_ref(),
+        ..Demonstrations::of(&rounds)
+    };
+    let seed = arguments.seed;
     let said = learn_to(
         &out,
         kind,
-        &demonstrations,
         &model,
+        &demonstrations,
         &config,
-        arguments.seed,
+        seed,
         "learning",
     )
     .with_context(|| demos.display().to_string())
     .map_err(Failure::refused)?;
-    let lengths = demonstrations.rounds.iter().map(|round| round.steps.len());
-    let least = match kind {
-        Kind::Bc => 1,
-        Kind::Sqil => config.sqil.window,
-        _ => config.implants.least_steps(&demonstrations),
+    let all = std::iter::once(&rounds).chain(&original);
+    let lengths = all.flat_map(|rounds| rounds.rounds.iter().map(Round::len));
+    let least = match kind.is_self_model() {
+        true => config.implants.least_steps(&rounds),
+        false => 1,
     };
     let rounds = rounds_in_words(lengths, least);
     out!("{}: learned from {rounds}; {said}", out.display());
@@ -130,7 +180,7 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
 
 /// How many rounds of these lengths were learned from, and how many were not because they are empty or hold fewer than `least`
 /// steps: `6 rounds`, or `1 round, 3 empty`.
-pub fn rounds_in_words(lengths: impl Iterator<Item = usize>, least: usize) -> String {
+fn rounds_in_words(lengths: impl Iterator<Item = usize>, least: usize) -> String {
     let (mut used, mut empty, mut short) = (0_usize, 0_usize, 0_usize);
     for length in lengths {
         match length {
@@ -154,109 +204,90 @@ pub fn rounds_in_words(lengths: impl Iterator<Item = usize>, least: usize) -> St
 ///
 /// # Errors
 /// When the rounds are too short to learn from, or the file cannot be written.
-pub fn at_start(
-    scene: &Scene,
+pub fn driver_at_start(
+    scene: &highway::Scene,
     person: &Person,
     kind: Kind,
     model: &SelfModel,
     path: &Path,
 ) -> Result<()> {
     // What a person sees depends on the fog; recorded traffic offers one short round, the highway as many as are needed.
-    let mut highway = Scene {
+    let mut highway = highway::Scene {
         fog: scene.fog,
-        ..Scene::default()
+        ..highway::Scene::default()
     };
     if scene.course.is_none() {
         highway = scene.clone();
     }
-    let demonstrations = record_in(Arc::new(highway), person, DEMONSTRATION_SEED, 0, ROUNDS)
+    let scene = Arc::new(highway);
+    let rounds = Rounds::record_drives_in(scene, person, DEMONSTRATION_SEED, 0, HIGHWAY_ROUNDS)
         .context("the scene's road")?;
-    let text = format!(
-        "learning what person {} sees and does from {ROUNDS} rounds",
+    let title = format!(
+        "learning what person {} sees and does from {HIGHWAY_ROUNDS} rounds",
         person.id
     );
-    learn_to(
-        path,
-        kind,
-        &demonstrations,
-        model,
-        config::highway(),
-        0,
-        &text,
-    )
-    .context("learning the human model")?;
+    let demonstrations = Demonstrations::of(&rounds);
+    let config = config::highway();
+    learn_to(path, kind, model, &demonstrations, config, 0, &title)
+        .context("learning the human model")?;
+    Ok(())
+}
+
+/// Learns what a simulated person sees and does from rounds in this gridworld without communication (each scenario equally
+/// often) and writes it to `path`; for `bc` and `sqil` in the transfer setting, from as many rounds of the original one too.
+/// `person`: number or file.
+///
+/// # Errors
+/// Names the person; or the file cannot be written.
+pub fn person_at_start(
+    scene: &discrete::Scene,
+    person: &str,
+    kind: Kind,
+    model: &SelfModel,
+    path: &Path,
+) -> Result<()> {
+    let scenarios = inputs::world(scene)?.scenarios();
+    let count = scenarios * GRIDWORLD_ROUNDS.div_ceil(scenarios);
+    let rounds = play(scene, person, DEMONSTRATION_SEED, count)?;
+    let original = wants_original(kind, scene.setting())
+        .then(|| {
+            let scene = scene.clone().in_setting(Setting::Original);
+            play(&scene, person, DEMONSTRATION_SEED, count)
+        })
+        .transpose()?;
+    let title = format!("learning what person {person} sees and does from {count} rounds");
+    let demonstrations = Demonstrations {
+        original: original.as_ref(),
+        ..Demonstrations::of(&rounds)
+    };
+    let config = config::gridworld(rounds.domain);
+    learn_to(path, kind, model, &demonstrations, &config, 0, &title)
+        .context("learning the human model")?;
     Ok(())
 }
 
 /// Learns what `kind` takes and writes it to `path`; gives a word about how it went.
-fn learn_to(
+fn learn_to<S, I: ImplantLearner>(
     path: &Path,
     kind: Kind,
-    demonstrations: &Demonstrations,
     model: &SelfModel,
-    config: &HighwayConfig,
-    seed: u64,
-    title: &str,
-) -> Result<String> {
-    match kind {
-        Kind::Bc | Kind::Sqil => policy_to(path, kind, demonstrations, config, seed, title),
-        _ => implant_to(path, kind, demonstrations, model, config, seed, title),
-    }
-}
-
-fn implant_to(
-    path: &Path,
-    kind: Kind,
     demonstrations: &Demonstrations,
-    model: &SelfModel,
-    config: &HighwayConfig,
-    seed: u64,
-    title: &str,
-) -> Result<String> {
-    let settings = Settings {
-        seed,
-        ..config.implants
-    };
-    let iterations = settings.iterations * settings.starts_m.len();
-    let progress = Progress::new(title, iterations as u64);
-    let learned = learn(model, kind, demonstrations, &settings, |iteration, loss| {
-        progress.at(iteration as u64, &format!("loss {loss:.4}"));
-    });
-    progress.finish();
-    let learned = learned?;
-    learned.implants.save(path, model, 0, &command_line())?;
-    let last = learned.losses.last().copied().unwrap_or(f32::NAN);
-    Ok(format!("last loss {last:.4}"))
-}
-
-fn policy_to(
-    path: &Path,
-    kind: Kind,
-    demonstrations: &Demonstrations,
-    config: &HighwayConfig,
+    config: &Config<S, I>,
     seed: u64,
     title: &str,
 ) -> Result<String> {
     let progress = OnceLock::new();
-    let learned = policies::learn(
-        kind,
-        demonstrations,
-        &Expert::default(),
-        config,
-        seed,
-        &|done, most, word| {
-            let progress = progress.get_or_init(|| Progress::new(title, most));
-            progress.at(done, word);
-        },
-    );
+    let tell = |done, most, word: &str| {
+        let progress = progress.get_or_init(|| Progress::new(title, most));
+        progress.at(done, word);
+    };
+    let learned = learn(kind, model, demonstrations, config, seed, &tell);
     if let Some(progress) = progress.get() {
         progress.finish();
     }
-    let Learned { person, about } = learned?;
-    let notes = [("mirror.learning", about.clone())];
-    let layout = modalities::layout();
-    person.save(path, kind, &layout, &command_line(), &notes)?;
-    Ok(about)
+    let learned = learned?;
+    learned.save(path, model, &command_line())?;
+    Ok(learned.about().to_owned())
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! What a human model learned of the person: given as a file, or learned before the run starts.
 
-use crate::gridworld;
 use crate::learn;
 use crate::place::{RunScenario, Who};
 use anyhow::{Context, Result, bail, ensure};
@@ -67,14 +66,14 @@ pub fn learn_at_start(
 ) -> Result<()> {
     match (scenario, who) {
         (Scenario::Highway(road), Scenario::Highway(Driving::Simulated(person))) => {
-            learn::at_start(&road.scene, person, kind, model, path)
+            learn::driver_at_start(&road.scene, person, kind, model, path)
         }
         (Scenario::Gridworld((scene, _)), Scenario::Gridworld(acting)) => {
             let person = match acting {
                 Acting::Shipped(id) => id.to_string(),
                 Acting::File(file) => file.display().to_string(),
             };
-            gridworld::learn::at_start(scene, &person, kind, model, path)
+            learn::person_at_start(scene, &person, kind, model, path)
         }
         _ => bail!(
             "there is nobody to learn human model `{}` from",

@@ -4,7 +4,7 @@ use crate::cli::{Domain, PeopleArguments};
 use crate::columns;
 use crate::console::out;
 use crate::failure::Failure;
-use crate::gridworld;
+use crate::inputs;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use domains::discrete::{self, Limits, Mind, Setting, SimulatedPerson};
@@ -117,7 +117,7 @@ fn highway_driver(id: u32) -> Result<Row> {
 
 fn in_gridworld(domain: discrete::Domain, id: u32) -> Result<Row> {
     let scene = discrete::Scene::of(domain, Setting::Transfer);
-    let words = gridworld::inputs::words(domain)?;
+    let words = inputs::words(domain)?;
     let person = SimulatedPerson::builtin(&scene, id, &words)?;
     let sees = match person.sight().limits {
         Limits::Thresholds([ahead_cells, _, behind_cells, _]) => Sees::Cells {

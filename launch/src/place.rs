@@ -1,7 +1,6 @@
 //! Where a run takes place: the highway or a gridworld; and what depends on it: who acts there, which self-model the
 //! robot has, and how it plans.
 
-use crate::gridworld;
 use crate::inputs;
 use anyhow::{Context, Result, bail, ensure};
 use domains::Layout;
@@ -320,11 +319,9 @@ pub fn self_model(
     given: Option<&Path>,
     scenario: &RunScenario,
 ) -> Result<(PathBuf, Arc<SelfModel>)> {
-    match scenario {
-        Scenario::Highway(_) => {
-            let (path, model) = inputs::self_model(given)?;
-            Ok((path, Arc::new(model)))
-        }
-        Scenario::Gridworld((scene, _)) => gridworld::inputs::self_model(scene.domain(), given),
-    }
+    let domain = match scenario {
+        Scenario::Highway(_) => None,
+        Scenario::Gridworld((scene, _)) => Some(scene.domain()),
+    };
+    inputs::self_model(domain, given)
 }

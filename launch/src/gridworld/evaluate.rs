@@ -1,12 +1,12 @@
 //! `mirror evaluate fit|communicate|implants` in a gridworld.
 
-use super::inputs;
 use crate::cli::{
     EvaluateCommunicateArguments, EvaluateFitArguments, EvaluateImplantsArguments,
     GridworldStudyArguments,
 };
 use crate::console::out;
 use crate::failure::Failure;
+use crate::inputs;
 use crate::learn::command_line;
 use crate::results_file::results_file;
 use crate::screen::Progress;
@@ -93,7 +93,7 @@ fn prepared(arguments: &GridworldStudyArguments) -> Result<(Common, Arc<SelfMode
     let domain = arguments.domain.gridworld().ok_or_else(|| {
         anyhow!("--domain highway: this is a study of the gridworlds; the highway's is `drive`")
     })?;
-    let (_, model) = inputs::self_model(domain, arguments.files.self_model.as_deref())?;
+    let (_, model) = inputs::self_model(Some(domain), arguments.files.self_model.as_deref())?;
     let common = Common {
         domain,
         people: match arguments.quick {
@@ -209,7 +209,7 @@ pub fn implants(
     domain: Domain,
 ) -> Result<ExitCode, Failure> {
     let plan = || -> Result<_> {
-        let (_, model) = inputs::self_model(domain, arguments.files.self_model.as_deref())?;
+        let (_, model) = inputs::self_model(Some(domain), arguments.files.self_model.as_deref())?;
         let people = arguments.people.unwrap_or(10);
         ensure!(people <= 10, "--people {people}: a gridworld has 10");
         let rounds = arguments.rounds.unwrap_or(LEARNING);

@@ -1,6 +1,4 @@
 //! The gridworlds on the command line: what users name, what is learned of people, the self-models, the studies.
 
 pub mod evaluate;
-pub mod inputs;
-pub mod learn;
 pub mod train_self;

@@ -1,9 +1,9 @@
 //! `mirror train self` of a gridworld: the robot's self-model from nothing, or on from where an earlier run stopped.
 
-use super::inputs;
 use crate::cli::TrainSelfArguments;
 use crate::console::out;
 use crate::failure::Failure;
+use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
 use crate::train_self::{checkpoint_of, open, outputs, write};

@@ -1,7 +1,6 @@
 //! Which models a replay asks: the recorded ones, or those that the command line names in their place.
 
 use crate::cli::ReplayArguments;
-use crate::gridworld::inputs::shipped_self_model;
 use crate::inputs;
 use crate::place::{self, ItemNames};
 use crate::up::setup::{IMPLANTS, PERSON, SELF_MODEL};
@@ -74,10 +73,11 @@ impl Resolved {
             Some(text) => inputs::human("--human", text)?,
             None => human.kind,
         };
-        let shipped = match &belief.scenario {
-            Scenario::Highway(()) => models::shipped::path(models::shipped::HIGHWAY),
-            Scenario::Gridworld(scene) => shipped_self_model(scene.domain()),
+        let domain = match &belief.scenario {
+            Scenario::Highway(()) => None,
+            Scenario::Gridworld(scene) => Some(scene.domain()),
         };
+        let shipped = inputs::shipped_self_model(domain);
         let (model, self_model) =
             self_model(arguments, &setup, &shipped, &mut differences, &mut warnings)?;
         belief.model.clone_from(&model);

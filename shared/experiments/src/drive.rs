@@ -2,7 +2,6 @@
 //! an assistant; every person drives all six cases under every condition.
 
 use crate::drive_report::Report;
-use crate::learned::{Expert, human_model};
 use crate::table::{Table, ensure_same};
 use anyhow::Context;
 use domains::highway::SECTORS;
@@ -18,8 +17,10 @@ use planning::{Assistant, Method, PlanMoment, Settings};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
-use training::demonstrations::{Demonstrations, record};
-use training::rollout::step_of;
+use training::config;
+use training::environment::visual_of;
+use training::people::{Demonstrations, learn};
+use training::rounds::Rounds;
 
 /// What is said in a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -194,12 +195,11 @@ pub fn run(
             }
         }
     }
-    let expert = Expert::default();
     let done = std::sync::atomic::AtomicUsize::new(0);
     progress(0, total);
     jobs.par_iter()
         .try_for_each(|(condition, id, seed, cases)| {
-            let mut rider = Rider::new(study, model, &expert, *condition, *id)?;
+            let mut rider = Rider::new(study, model, *condition, *id)?;
             for &case in cases {
                 let r = rider.round(*seed, case)?;
                 table.append(&format!(
@@ -245,7 +245,6 @@ impl Rider {
     pub fn new(
         study: &Study,
         model: Option<&Arc<SelfModel>>,
-        expert: &Expert,
         condition: Condition,
         id: u32,
     ) -> anyhow::Result<Self> {
@@ -263,7 +262,10 @@ impl Rider {
             Some(kind) => {
                 let model = model.context("a planner needs a self-model")?;
                 let demonstrations = demonstrate(&mut world, &mut driver, study.rounds);
-                let human = human_model(kind, model, &demonstrations, expert)?;
+                let demonstrations = Demonstrations::of(&demonstrations);
+                let config = config::highway();
+                let learned = learn(kind, model, &demonstrations, config, 0, &|_, _, _| {})?;
+                let human = learned.human(model);
                 Some(Assistant::new(
                     model.clone(),
                     human,
@@ -307,7 +309,7 @@ impl Rider {
             self.count(&shown, &mut result);
             let action = self.driver.act(self.world.observation(), &shown);
             if let Some(assistant) = &mut self.assistant {
-                let visual = step_of(self.world.observation()).visual;
+                let visual = visual_of(self.world.observation());
                 hear(&self.table, &shown, &mut self.verbal);
                 let at = [seed, u64::from(episode), u64::from(step)];
                 assistant.observe(&visual, &self.verbal, communicated(&shown), &taken, at);
@@ -370,12 +372,8 @@ impl Rider {
 }
 
 /// Rounds of one case after the other.
-pub fn demonstrate(
-    world: &mut World,
-    driver: &mut SimulatedDriver,
-    rounds: usize,
-) -> Demonstrations {
-    record(world, driver, DEMONSTRATION_SEED, 0, rounds)
+pub fn demonstrate(world: &mut World, driver: &mut SimulatedDriver, rounds: usize) -> Rounds {
+    Rounds::record_drives(world, driver, DEMONSTRATION_SEED, 0, rounds)
 }
 
 /// Sectors that are highlighted or spoken about.

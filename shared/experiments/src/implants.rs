@@ -104,8 +104,8 @@ pub fn report(
             let ranges = demonstrations
                 .rounds
                 .iter()
-                .flat_map(|round| round.steps.iter().skip(settings.skip))
-                .map(|moment| range_of(&moment.visual, azimuth))
+                .flat_map(|round| (settings.skip..round.len()).map(|t| round.visual(t)))
+                .map(|visual| range_of(visual, azimuth))
                 .filter(|range| *range < LIDAR_RANGE_M);
             let (mut moments, mut seen) = (0, 0);
             for range in ranges {

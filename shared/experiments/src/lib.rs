@@ -7,7 +7,6 @@ pub mod drive;
 pub mod drive_report;
 pub mod gridworld;
 pub mod implants;
-pub mod learned;
 pub mod plot;
 pub mod real;
 pub mod results;

@@ -9,10 +9,11 @@ pub use report::{Point, Report};
 
 use crate::table::{Table, ensure_same};
 use anyhow::{Context, ensure};
+use domains::discrete::Setting;
 use domains::highway::{AZIMUTHS, Scene, modalities};
 use models::{
     ActionDistribution, Beliefs, Communicated, HumanModel, Kind, Observations, PersonalPolicy,
-    SelfHuman, SelfModel, Shape,
+    RecurrentSizes, SelfHuman, SelfModel, Shape, View,
 };
 use nn::Tensor;
 use rand::SeedableRng;
@@ -22,8 +23,10 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use training::demonstrations::{Demonstrations, Round};
-use training::{cloning, implants, lessons};
+use training::cloning::{self, CloningSettings};
+use training::implants;
+use training::rounds::{Round, Rounds};
+use training::trajectory::{Trajectory, hold_out};
 
 /// Models that are compared.
 pub const MODELS: [Kind; 4] = [Kind::Mirror, Kind::MirrorP, Kind::Bc, Kind::Myself];
@@ -176,9 +179,9 @@ fn learn(
     let visible_m = visible_m(study.fog_m);
     match kind {
         Kind::Mirror | Kind::MirrorP => {
-            let demonstrations = Demonstrations {
+            let rounds = Rounds {
                 rounds: drivers.iter().map(|d| d.round.clone()).collect(),
-                ..Demonstrations::default()
+                ..Rounds::new(&model.layout, Setting::Original, 0)
             };
             // Windows that every kept drive fills, no start left out, and both pedals and wheel at full weight: what is
             // learned is what is scored.
@@ -191,7 +194,7 @@ fn learn(
                 seed: study.seed,
                 ..implants::Settings::default()
             };
-            let learned = implants::learn(model, kind, &demonstrations, &settings, |_, _| {})?;
+            let learned = implants::learn(model, kind, &rounds, &settings, |_, _| {})?;
             Ok(Box::new(SelfHuman::new(
                 model.clone(),
                 Some(learned.implants),
@@ -199,18 +202,23 @@ fn learn(
             )))
         }
         Kind::Bc => {
-            let own = drivers
-                .iter()
-                .map(|d| lessons::of_round(&d.round, &visible_m))
-                .collect();
-            let settings = cloning::Settings {
+            let layout = &*model.layout;
+            let view = View::new(layout);
+            let perceived = drivers.iter().map(|driver| {
+                let mut round = driver.round.clone();
+                round.perceive_within(layout, &visible_m);
+                Trajectory::new(&round, &view, layout.actions)
+            });
+            let (train, held) = hold_out(perceived.collect());
+            let settings = CloningSettings {
                 seed: study.seed,
-                ..cloning::Settings::default()
+                ..CloningSettings::of(layout.domain)
             };
+            let sizes = RecurrentSizes::of(layout, 1);
             // No simulated expert: people on a real motorway drive three times as fast as one in its world.
-            let learned = cloning::learn(own, Vec::new(), &settings, &|_, _, _| {})?;
+            let cloned = cloning::learn(layout, sizes, &train, &held, &settings, &|_, _, _| {})?;
             let person = PersonalPolicy {
-                policy: learned.policy,
+                policy: cloned.policy,
                 limits: visible_m.to_vec(),
                 heard: 0,
             };
@@ -229,19 +237,18 @@ pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
     let mut action = Tensor::new(shape.action, 1);
     let mut distribution = ActionDistribution::new(layout.actions, 1);
     let (mut sum, mut counted) = (0.0, 0);
-    for (t, moment) in round.steps.iter().enumerate() {
-        observations
-            .visual
-            .column_mut(0)
-            .copy_from_slice(&moment.visual);
+    for t in 0..round.len() {
+        let taken = round.action(t);
+        let visual = observations.visual.column_mut(0);
+        visual.copy_from_slice(round.visual(t));
         let silent = [Communicated::default()];
         human.perceive(&mut beliefs, &action, &observations, &silent, None);
         if t >= WARM_UP {
             human.act(&beliefs, &mut distribution);
-            sum -= f64::from(distribution.log_density(0, &moment.action));
+            sum -= f64::from(distribution.log_density(0, taken));
             counted += 1;
         }
-        action.column_mut(0).copy_from_slice(&moment.action);
+        action.column_mut(0).copy_from_slice(taken);
     }
     sum / f64::from(counted.max(1))
 }
@@ -251,7 +258,6 @@ mod tests {
     use super::*;
     use models::Sizes;
     use rand::RngExt;
-    use training::demonstrations::Moment;
 
     fn study(quick: bool) -> Study {
         Study {
@@ -295,13 +301,12 @@ mod tests {
     /// A drive of `steps` steps at random, the same for the same seed.
     fn driver(seed: u64, steps: usize) -> Round {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let moment = |_| Moment {
-            visual: core::array::from_fn(|_| rng.random_range(0.0..1.0)),
-            action: [0.2, 0.01],
-        };
+        let numbers = steps * modalities::VISUAL;
         Round {
-            steps: (0..steps).map(moment).collect(),
-            collided: false,
+            visual: (0..numbers).map(|_| rng.random_range(0.0..1.0)).collect(),
+            action: [0.2, 0.01].repeat(steps),
+            reward: vec![0.0; steps],
+            ..Round::default()
         }
     }
 
@@ -318,8 +323,10 @@ mod tests {
         let mut before = 0.0;
         for end in WARM_UP + 1..=12 {
             let part = Round {
-                steps: round.steps[..end].to_vec(),
-                collided: false,
+                visual: round.visual[..end * modalities::VISUAL].to_vec(),
+                action: round.action[..end * 2].to_vec(),
+                reward: round.reward[..end].to_vec(),
+                ..Round::default()
             };
             let total = score(&mut human, &part) * (end - WARM_UP) as f64;
             sum += total - before;
@@ -327,7 +334,7 @@ mod tests {
         }
         assert!(whole.is_finite() && (whole - sum / 7.0).abs() < 1e-9);
         let mut early = round.clone();
-        early.steps[0].action = [0.9, -0.9];
+        early.action[..2].copy_from_slice(&[0.9, -0.9]);
         assert_ne!(
             score(&mut human, &early),
             whole,

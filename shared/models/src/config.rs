@@ -55,8 +55,7 @@ pub struct ImageNetwork {
 }
 
 /// Sizes of a recurrent policy: h, and each hidden dense layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub struct PolicyNetwork {
     /// Features of h.
     pub hidden: usize,
@@ -68,7 +67,7 @@ pub struct PolicyNetwork {
 #[derive(Deserialize)]
 struct Networks {
     network: Network,
-    policy: Option<PolicyNetwork>,
+    policy: PolicyNetwork,
 }
 
 fn networks(domain: &str) -> Networks {
@@ -82,14 +81,9 @@ pub fn network(domain: &str) -> Network {
     networks(domain).network
 }
 
-/// Sizes of the recurrent policies that are learned by default. On the highway, where `cloning` and `sqil` have each their
-/// own, those of z.
+/// Sizes of the recurrent policies that are learned by default.
 pub fn policy(domain: &str) -> PolicyNetwork {
-    let Networks { network, policy } = networks(domain);
-    policy.unwrap_or(PolicyNetwork {
-        hidden: network.latent,
-        dense: network.latent,
-    })
+    networks(domain).policy
 }
 
 impl Network {

@@ -16,7 +16,6 @@ use crate::human::{Beliefs, HumanModel, Kind, Perceiver};
 use crate::observation::{Communicated, Observations};
 use crate::policy::{ActionDistribution, HeadScratch};
 use crate::reader::{Reader, ReaderScratch};
-use crate::self_model::SelfModel;
 use crate::sizes::Sizes;
 use crate::view::View;
 use domains::{ActionSpace, Layout, Mask};
@@ -126,35 +125,29 @@ impl RecurrentPolicy {
         }
     }
 
-    /// Mean and deviation of u, `actions × batch` each, from h on a tape, where actions are numbers.
-    pub fn gaussian(&self, tape: &mut Tape, h: Var) -> (Var, Var) {
-        let output = tape.mlp(&self.head, h);
-        SelfModel::gaussian(tape, output, self.actions.rows())
-    }
-
-    /// The head's output at every step of a batch of sequences: `outputs × (steps · columns)`. `observed`: `view rows × …`;
-    /// `previous`: `actions × …`; both step after step.
-    pub fn on_tape(
+    /// h after every step of a batch of sequences: `hidden × (steps · columns)`, which the head takes. `observed`:
+    /// `view rows × …`; `previous`: `actions × …`; both step after step. `before`: h before the first, `hidden × columns`.
+    pub fn follow(
         &self,
         tape: &mut Tape,
         observed: &Tensor,
         previous: &Tensor,
-        columns: usize,
+        before: &Tensor,
     ) -> Var {
+        let columns = before.cols();
         let steps = observed.cols() / columns.max(1);
         let observed = tape.input(observed);
         let features = self.reader.on_tape(tape, observed);
         let previous = tape.input(previous);
         let input = tape.concat(&[features, previous]);
-        let mut h = tape.constant(self.sizes.hidden, columns, 0.0);
+        let mut h = tape.input(before);
         let mut all = Vec::with_capacity(steps);
         for t in 0..steps {
             let x = tape.columns(input, t * columns..(t + 1) * columns);
             h = tape.gru(&self.gru, x, h);
             all.push(h);
         }
-        let h = tape.join(&all);
-        tape.mlp(&self.head, h)
+        tape.join(&all)
     }
 }
 

@@ -10,7 +10,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use std::time::Duration;
-use training::discrete::{Rounds, implants};
+use training::implants_discrete as implants;
+use training::rounds::Rounds;
 
 fn learn(c: &mut Criterion) {
     let mut group = c.benchmark_group("implants");

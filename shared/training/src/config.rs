@@ -3,10 +3,12 @@
 //! A file may hold any part of what ships; what it does not say stays as it is. A key that nobody knows, and a value of another
 //! sort, are refused with file, line and column.
 
-use crate::{cloning, discrete, implants, self_model, sqil};
+use crate::cloning::CloningSettings;
+use crate::sqil::SqilSettings;
+use crate::{discrete, implants, implants_discrete, self_model};
 use domains::Layout;
 use models::Sizes;
-use models::config::{Network, PolicyNetwork, shipped};
+use models::config::{Network, shipped};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -18,32 +20,60 @@ use toml::{Spanned, Table, Value};
 /// All settings of a domain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config<S, I, C, Q> {
+pub struct Config<S, I> {
     /// Networks of the self-model.
     pub network: Network,
     /// How the self-model is learned.
     pub self_model: S,
     /// How implants are.
     pub implants: I,
-    /// Networks of recurrent policies; on the highway, `cloning` and `sqil` have their own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub policy: Option<PolicyNetwork>,
+    /// The recurrent policies of behavioural cloning and soft-Q imitation.
+    pub policy: PolicySettings,
     /// Behavioural cloning.
-    pub cloning: C,
+    pub cloning: CloningSettings,
     /// Soft-Q imitation.
-    pub sqil: Q,
+    pub sqil: SqilSettings,
+}
+
+/// The recurrent policies of behavioural cloning and soft-Q imitation: their networks, and what both learn from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicySettings {
+    /// Features of h.
+    pub hidden: usize,
+    /// Neurons of each hidden dense layer.
+    pub dense: usize,
+    /// Rounds of an expert who sees everything, in the original setting, that are learned from beside the person's own.
+    pub expert_rounds: u32,
+}
+
+impl Checked for PolicySettings {
+    fn problem(&self) -> Option<String> {
+        (!(1..=1024).contains(&self.hidden)
+            || !(1..=4096).contains(&self.dense)
+            || self.expert_rounds > 10_000)
+            .then(|| {
+                "hidden from 1 to 1024; dense from 1 to 4096; expert_rounds at most 10000"
+                    .to_owned()
+            })
+    }
+}
+
+/// What a configuration says of recurrent policies.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub struct Policies {
+    /// Networks and expert.
+    pub policy: PolicySettings,
+    /// Behavioural cloning.
+    pub cloning: CloningSettings,
+    /// Soft-Q imitation.
+    pub sqil: SqilSettings,
 }
 
 /// The highway's.
-pub type HighwayConfig =
-    Config<self_model::Settings, implants::Settings, cloning::Settings, sqil::Settings>;
+pub type HighwayConfig = Config<self_model::Settings, implants::Settings>;
 /// A gridworld's.
-pub type GridworldConfig = Config<
-    discrete::Settings,
-    discrete::implants::Settings,
-    discrete::cloning::Settings,
-    discrete::sqil::Settings,
->;
+pub type GridworldConfig = Config<discrete::Settings, implants_discrete::Settings>;
 
 /// A configuration could not be used.
 #[derive(Debug, Error)]
@@ -86,12 +116,10 @@ pub trait Checked {
     fn problem(&self) -> Option<String>;
 }
 
-impl<S, I, C, Q> Config<S, I, C, Q>
+impl<S, I> Config<S, I>
 where
     S: Checked + DeserializeOwned + Serialize,
     I: Checked + DeserializeOwned + Serialize,
-    C: Checked + DeserializeOwned + Serialize,
-    Q: Checked + DeserializeOwned + Serialize,
 {
     /// What ships for `domain`, with what `file` says instead.
     ///
@@ -116,15 +144,14 @@ where
     }
 
     fn of_shipped(domain: &str) -> Self {
-        let (name, text) = shipped(domain);
-        // Every file that ships is read by a test.
-        toml::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}"))
+        of_shipped(domain)
     }
 
     fn check(&self, file: &Path) -> Result<(), ConfigError> {
-        let checks: [(&str, Option<String>); 4] = [
+        let checks: [(&str, Option<String>); 5] = [
             ("self_model", self.self_model.problem()),
             ("implants", self.implants.problem()),
+            ("policy", self.policy.problem()),
             ("cloning", self.cloning.problem()),
             ("sqil", self.sqil.problem()),
         ];
@@ -171,6 +198,17 @@ where
 pub fn highway() -> &'static HighwayConfig {
     static CONFIG: OnceLock<HighwayConfig> = OnceLock::new();
     CONFIG.get_or_init(|| Config::of_shipped("highway"))
+}
+
+fn of_shipped<T: DeserializeOwned>(domain: &str) -> T {
+    let (name, text) = shipped(domain);
+    // Every file that ships is read by a test.
+    toml::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// What ships of recurrent policies for a domain.
+pub fn policies(domain: &str) -> Policies {
+    of_shipped(domain)
 }
 
 /// What ships for a gridworld.

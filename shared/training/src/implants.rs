@@ -9,7 +9,7 @@
 
 use crate::SHARDS;
 use crate::config::{self, Checked};
-use crate::demonstrations::Demonstrations;
+use crate::rounds::Rounds;
 use domains::highway::modalities::VISUAL;
 use models::implants::{ActionOnTape, Attached, limits_on_tape, policy_on_tape, seen_on_tape};
 use models::policy::unsquash;
@@ -88,13 +88,13 @@ impl Checked for Settings {
 impl Settings {
     /// Steps that a round of these needs to be learned from: what is left out at its start, and a window, which is as long as
     /// the longest round allows.
-    pub fn least_steps(&self, demonstrations: &Demonstrations) -> usize {
+    pub fn least_steps(&self, demonstrations: &Rounds) -> usize {
         self.skip + self.window_of(demonstrations)
     }
 
-    fn window_of(&self, demonstrations: &Demonstrations) -> usize {
+    fn window_of(&self, demonstrations: &Rounds) -> usize {
         let rounds = demonstrations.rounds.iter();
-        let longest = rounds.map(|r| r.steps.len()).max().unwrap_or(0);
+        let longest = rounds.map(|r| r.len()).max().unwrap_or(0);
         self.window.min(longest.saturating_sub(self.skip))
     }
 }
@@ -155,11 +155,11 @@ pub struct Windows {
 
 /// Cuts rounds into windows, in shards.
 pub fn windows(
-    demonstrations: &Demonstrations,
+    demonstrations: &Rounds,
     settings: &Settings,
     latent: usize,
 ) -> Result<Vec<Windows>, ImplantError> {
-    let longest = demonstrations.rounds.iter().map(|r| r.steps.len()).max();
+    let longest = demonstrations.rounds.iter().map(|r| r.len()).max();
     let longest = longest.unwrap_or(0);
     let length = settings.window_of(demonstrations);
     let needed = settings.warm_up + 2;
@@ -173,7 +173,7 @@ pub fn windows(
     }
     let mut starts = Vec::new();
     for (r, round) in demonstrations.rounds.iter().enumerate() {
-        let n = round.steps.len();
+        let n = round.len();
         if n < settings.skip + length {
             continue;
         }
@@ -197,20 +197,18 @@ pub fn windows(
                 noise: vec![tensor(latent); length],
             };
             for (j, &(r, start)) in mine.iter().enumerate() {
-                let steps = &demonstrations.rounds[r].steps;
+                let round = &demonstrations.rounds[r];
                 for t in 0..length {
-                    let step = &steps[start + t];
-                    windows.visual[t]
-                        .column_mut(j)
-                        .copy_from_slice(&step.visual);
-                    windows.action[t]
-                        .column_mut(j)
-                        .copy_from_slice(&step.action.map(unsquash));
-                    let previous = match start + t {
-                        0 => [0.0; 2],
-                        i => steps[i - 1].action,
-                    };
-                    windows.previous[t].column_mut(j).copy_from_slice(&previous);
+                    let visual = round.visual(start + t);
+                    windows.visual[t].column_mut(j).copy_from_slice(visual);
+                    let action = round.action(start + t);
+                    for (u, a) in windows.action[t].column_mut(j).iter_mut().zip(action) {
+                        *u = unsquash(*a);
+                    }
+                    if start + t > 0 {
+                        let before = round.action(start + t - 1);
+                        windows.previous[t].column_mut(j).copy_from_slice(before);
+                    }
                 }
             }
             windows
@@ -222,7 +220,7 @@ pub fn windows(
 pub fn learn(
     model: &SelfModel,
     kind: Kind,
-    demonstrations: &Demonstrations,
+    demonstrations: &Rounds,
     settings: &Settings,
     mut progress: impl FnMut(usize, f32),
 ) -> Result<Learned, ImplantError> {
@@ -258,7 +256,7 @@ fn learn_from(
     model: &SelfModel,
     with_policy: bool,
     start_m: f32,
-    demonstrations: &Demonstrations,
+    demonstrations: &Rounds,
     settings: &Settings,
     progress: &mut dyn FnMut(usize, f32),
 ) -> Result<Learned, ImplantError> {

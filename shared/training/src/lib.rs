@@ -4,17 +4,19 @@ pub mod batches;
 pub mod checkpoint;
 pub mod cloning;
 pub mod config;
-pub mod demonstrations;
 pub mod discrete;
+pub mod environment;
 pub mod implants;
+pub mod implants_discrete;
 pub mod irl;
-pub mod lessons;
-pub mod policies;
+pub mod people;
 pub mod replay;
 pub mod rollout;
+pub mod rounds;
 pub mod sac;
 pub mod self_model;
 pub mod sqil;
+pub mod trajectory;
 
 /// Shards that a batch is cut into. Their gradients are added in this fixed order, so that the number of threads
 /// changes no byte of the result.

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
+pub struct SacSettings {
     /// γ.
     pub discount: f32,
     /// τ.
@@ -29,7 +29,7 @@ pub struct Settings {
     pub entropy_target: f32,
 }
 
-impl Settings {
+impl SacSettings {
     /// Whether these make sense.
     pub(crate) fn is_sound(&self) -> bool {
         let shares = [self.discount, self.target_rate];
@@ -76,25 +76,25 @@ impl Transitions {
     }
 }
 
-/// Target critics Q'.
+/// Target critics Q', which follow two critics slowly.
 #[derive(Clone, Debug)]
-pub struct Targets {
+pub struct TargetCritics {
     /// Their parameters.
     pub parameters: Parameters,
     networks: [Mlp; 2],
     pairs: Vec<(ParamId, ParamId)>,
 }
 
-impl Targets {
-    /// Copies of the model's critics.
-    pub fn new(model: &SelfModel) -> Self {
+impl TargetCritics {
+    /// Copies of `critics`, whose parameters stand in `online`.
+    pub fn new(online: &Parameters, critics: &[Mlp; 2]) -> Self {
         let mut parameters = Parameters::default();
         let mut pairs = Vec::new();
-        let networks = model.policy.actor_critic().1.clone().map(|mut network| {
+        let networks = critics.clone().map(|mut network| {
             for layer in &mut network.layers {
                 for id in [&mut layer.weight, &mut layer.bias] {
-                    let name = format!("target.{}", model.parameters.name(*id));
-                    let own = parameters.add(&name, model.parameters.get(*id).clone());
+                    let name = format!("target.{}", online.name(*id));
+                    let own = parameters.add(&name, online.get(*id).clone());
                     pairs.push((own, *id));
                     *id = own;
                 }
@@ -119,13 +119,65 @@ impl Targets {
     }
 }
 
-/// Scratch for the targets of one shard.
-pub struct TargetScratch {
-    distribution: ActionDistribution,
+/// The soft values of a batch of states, in memory that is reused.
+pub struct SoftValues {
+    /// π(· | s).
+    pub distribution: ActionDistribution,
     action: Tensor,
-    scratch: Scratch,
     mlp: nn::MlpScratch,
     q: [Tensor; 2],
+    /// V of each state.
+    pub values: Vec<f32>,
+}
+
+impl SoftValues {
+    /// Memory for actions of so many numbers.
+    pub fn new(actions: usize) -> Self {
+        Self {
+            distribution: ActionDistribution::new(ActionSpace::Continuous(actions), 1),
+            action: Tensor::default(),
+            mlp: nn::MlpScratch::default(),
+            q: [Tensor::default(), Tensor::default()],
+            values: Vec::new(),
+        }
+    }
+
+    /// V(s) = min_i Q'_i(s, a) − α log π(a | s) of every column of `states`, a = tanh(μ + σ ε) by [`Self::distribution`], which
+    /// has to be known; `noise`: ε, as many standard normals as the actions have numbers.
+    pub fn compute(
+        &mut self,
+        states: &Tensor,
+        targets: &TargetCritics,
+        noise: &[f32],
+        temperature: f32,
+    ) {
+        self.distribution.sample(Some(noise), &mut self.action);
+        for (network, q) in targets.networks.iter().zip(&mut self.q) {
+            let input = [states, &self.action];
+            network.infer_stacked(&targets.parameters, &input, &mut self.mlp, q);
+        }
+        self.values.clear();
+        let Some((mean, std)) = self.distribution.gaussian() else {
+            return; // made for numbers in `new`
+        };
+        let actions = self.action.rows();
+        for j in 0..states.cols() {
+            let mut log_density = 0.0;
+            for i in 0..actions {
+                let (noise, std) = (noise[j * actions + i], std.column(j)[i]);
+                let u = mean.column(j)[i] + std * noise;
+                log_density += -0.5 * noise * noise - std.ln() - HALF_LOG_TAU - log_det(u);
+            }
+            let q = self.q[0].data()[j].min(self.q[1].data()[j]);
+            self.values.push(q - temperature * log_density);
+        }
+    }
+}
+
+/// Scratch for the targets of one shard.
+pub struct TargetScratch {
+    soft: SoftValues,
+    scratch: Scratch,
     /// y, `1 × batch`.
     pub y: Tensor,
 }
@@ -134,11 +186,8 @@ impl TargetScratch {
     /// Room for `batch` transitions.
     pub fn new(actions: usize, batch: usize) -> Self {
         Self {
-            distribution: ActionDistribution::new(ActionSpace::Continuous(actions), batch),
-            action: Tensor::new(actions, batch),
+            soft: SoftValues::new(actions),
             scratch: Scratch::default(),
-            mlp: nn::MlpScratch::default(),
-            q: [Tensor::new(1, batch), Tensor::new(1, batch)],
             y: Tensor::new(1, batch),
         }
     }
@@ -147,34 +196,16 @@ impl TargetScratch {
     pub fn compute(
         &mut self,
         model: &SelfModel,
-        targets: &Targets,
+        targets: &TargetCritics,
         transitions: &Transitions,
         temperature: f32,
-        settings: Settings,
+        settings: SacSettings,
     ) {
-        let Transitions {
-            next, next_noise, ..
-        } = transitions;
-        model.act(&mut self.scratch, next, &mut self.distribution);
-        self.distribution
-            .sample(Some(next_noise.data()), &mut self.action);
-        for (network, q) in targets.networks.iter().zip(&mut self.q) {
-            network.infer_stacked(&targets.parameters, &[next, &self.action], &mut self.mlp, q);
-        }
-        let actions = self.action.rows();
-        let Some((mean, deviation)) = self.distribution.gaussian() else {
-            return; // made for numbers in `new`
-        };
-        for j in 0..next.cols() {
-            let mut log_density = 0.0;
-            for i in 0..actions {
-                let noise = next_noise.column(j)[i];
-                let deviation = deviation.column(j)[i];
-                let u = mean.column(j)[i] + deviation * noise;
-                log_density += -0.5 * noise * noise - deviation.ln() - HALF_LOG_TAU - log_det(u);
-            }
-            let q = self.q[0].data()[j].min(self.q[1].data()[j]);
-            let future = q - temperature * log_density;
+        let (next, noise) = (&transitions.next, transitions.next_noise.data());
+        let soft = &mut self.soft;
+        model.act(&mut self.scratch, next, &mut soft.distribution);
+        soft.compute(next, targets, noise, temperature);
+        for (j, future) in soft.values.iter().enumerate() {
             self.y.data_mut()[j] = transitions.reward.data()[j]
                 + settings.discount * (1.0 - transitions.terminal.data()[j]) * future;
         }
@@ -182,10 +213,10 @@ impl TargetScratch {
 }
 
 /// ½ ln 2π.
-pub(crate) const HALF_LOG_TAU: f32 = 0.918_938_5;
+const HALF_LOG_TAU: f32 = 0.918_938_5;
 
 /// log(1 − tanh²u), stable for large |u|.
-pub(crate) fn log_det(u: f32) -> f32 {
+fn log_det(u: f32) -> f32 {
     let x = -2.0 * u;
     let softplus = x.max(0.0) + (-x.abs()).exp().ln_1p();
     2.0 * (core::f32::consts::LN_2 - u - softplus)
@@ -209,6 +240,44 @@ pub fn critic_loss(tape: &mut Tape, model: &SelfModel, shard: &Transitions, y: &
     tape.add(first, second)
 }
 
+/// α log π(a | s) − min_i Q_i(s, a) of every state, `1 × batch`, and log π(a | s), for a = tanh(μ + σ ε). `output`: the actor's
+/// at `states`; `noise`: ε, `actions × batch`.
+pub fn soft_policy_terms(
+    tape: &mut Tape,
+    (states, output): (Var, Var),
+    critics: &[Mlp; 2],
+    noise: &Tensor,
+    temperature: f32,
+) -> SoftPolicy {
+    let (mean, std) = SelfModel::gaussian(tape, output, noise.rows());
+    let noise = tape.input(noise);
+    let u = tape.gaussian_sample(mean, std, noise);
+    let density = tape.gaussian_log_density(u, mean, std);
+    let squash = tape.tanh_log_det(u);
+    let log_density = tape.sub(density, squash);
+    let action = tape.tanh(u);
+    let input = tape.concat(&[states, action]);
+    let first = tape.mlp(&critics[0], input);
+    let second = tape.mlp(&critics[1], input);
+    let q = tape.min(first, second);
+    let entropy = tape.scale(log_density, temperature);
+    SoftPolicy {
+        loss: tape.sub(entropy, q),
+        log_density,
+        mean,
+    }
+}
+
+/// See [`soft_policy_terms`].
+pub struct SoftPolicy {
+    /// α log π(a | s) − min_i Q_i(s, a).
+    pub loss: Var,
+    /// log π(a | s).
+    pub log_density: Var,
+    /// μ(s).
+    pub mean: Var,
+}
+
 /// L_π of a shard with weights (1 − β, β / 2 s²), and the mean of log π(a | z) for the temperature.
 pub fn actor_loss(
     tape: &mut Tape,
@@ -221,20 +290,12 @@ pub fn actor_loss(
     let z = tape.input(&shard.z);
     let (actor, critics) = model.policy.actor_critic();
     let output = tape.mlp(actor, z);
-    let (mean, deviation) = SelfModel::gaussian(tape, output, actions);
-    let noise = tape.input(&shard.noise);
-    let u = tape.gaussian_sample(mean, deviation, noise);
-    let density = tape.gaussian_log_density(u, mean, deviation);
-    let squash = tape.tanh_log_det(u);
-    let log_density = tape.sub(density, squash);
-    let action = tape.tanh(u);
-    let input = tape.concat(&[z, action]);
-    let first = tape.mlp(&critics[0], input);
-    let second = tape.mlp(&critics[1], input);
-    let q = tape.min(first, second);
-    let entropy = tape.scale(log_density, temperature);
-    let soft = tape.sub(entropy, q);
-    let soft = tape.mean(soft);
+    let SoftPolicy {
+        loss,
+        log_density,
+        mean,
+    } = soft_policy_terms(tape, (z, output), critics, &shard.noise, temperature);
+    let soft = tape.mean(loss);
     let soft = tape.scale(soft, reinforcement);
 
     let expert = tape.input_with(actions, shard.expert.cols(), |out| {
@@ -252,6 +313,6 @@ pub fn actor_loss(
 }
 
 /// Gradient of L_α with respect to log α, given the batch's mean log π: −α (log π + target).
-pub fn temperature_gradient(temperature: f32, mean_log_density: f32, settings: Settings) -> f32 {
+pub fn temperature_gradient(temperature: f32, mean_log_density: f32, settings: SacSettings) -> f32 {
     -temperature * (mean_log_density + settings.entropy_target)
 }

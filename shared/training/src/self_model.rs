@@ -9,7 +9,7 @@ use crate::batches::{Drawing, Dropout, Shard};
 use crate::config::Checked;
 use crate::replay::Replay;
 use crate::rollout::{Actor, Rollout, Summary};
-use crate::sac::{self, TargetScratch, Targets, Transitions};
+use crate::sac::{self, SacSettings, TargetCritics, TargetScratch, Transitions};
 use domains::highway::{Scene, modalities};
 use models::utterances::UtteranceTable;
 use models::{SelfModel, Sizes};
@@ -59,7 +59,7 @@ pub struct Settings {
     /// Probability that dropout keeps a value.
     pub keep: f32,
     /// Soft actor-critic's.
-    pub sac: sac::Settings,
+    pub sac: SacSettings,
 }
 
 impl Default for Settings {
@@ -157,13 +157,13 @@ pub struct Trainer {
     pub settings: Settings,
     /// Episodes done.
     pub episode: u32,
-    pub(crate) targets: Targets,
+    pub(crate) targets: TargetCritics,
     pub(crate) adam: Adam,
     pub(crate) log_temperature: f32,
     /// Adam's moments of log α: first, second, steps.
     pub(crate) temperature_moments: [f32; 3],
     pub(crate) replay: Replay,
-    sac: sac::Settings,
+    sac: SacSettings,
     table: UtteranceTable,
     rollout: Rollout,
     drawing: Drawing,
@@ -266,7 +266,7 @@ impl Trainer {
         let sac = settings.sac;
         Ok(Self {
             rollout: Rollout::new(scene, &model)?,
-            targets: Targets::new(&model),
+            targets: TargetCritics::new(&model.parameters, model.policy.actor_critic().1),
             adam: Adam::new(&model.parameters, all, settings.learning_rate),
             log_temperature: sac.initial_temperature.ln(),
             temperature_moments: [0.0; 3],
@@ -461,10 +461,10 @@ impl Worker {
     fn step(
         &mut self,
         model: &SelfModel,
-        targets: &Targets,
+        targets: &TargetCritics,
         parts: &Parts,
         shard: &Shard,
-        settings: sac::Settings,
+        settings: SacSettings,
         temperature: f32,
         weights: [f32; 2],
     ) -> Losses {

@@ -7,7 +7,13 @@ use nn::Parameters;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
-use training::discrete::{Rounds, Settings, Trainer, cloning, implants, sqil};
+use training::cloning::{self, CloningSettings};
+use training::discrete::{Settings, Trainer};
+use training::environment::Gridworld;
+use training::implants_discrete as implants;
+use training::rounds::Rounds;
+use training::sqil::{self, Place, SqilSettings};
+use training::trajectory::Trajectory;
 
 fn scene(domain: Domain, setting: Setting) -> (Scene, Words) {
     let scene = Scene::of(domain, setting);
@@ -187,45 +193,45 @@ fn policies_learned_from_rounds_know_more_than_chance() {
         Rounds::record(&mut world, &mut person, 4, 500, 12)
     };
     let world = world(domain, Setting::Original);
-    let sizes = RecurrentSizes::of(world.layout(), 1);
-    let cloned = cloning::learn(
-        world.layout(),
-        sizes,
-        &learned_from,
-        &held,
-        &cloning::Settings::default(),
-    );
+    let layout = world.layout().clone();
+    let sizes = RecurrentSizes::of(&layout, 1);
+    let perceived = |rounds: &Rounds| -> Vec<Trajectory> {
+        let view = models::View::new(&layout);
+        let rounds = rounds.rounds.iter();
+        rounds
+            .map(|r| Trajectory::new(r, &view, layout.actions))
+            .collect()
+    };
+    let (learned_from, held) = (perceived(&learned_from), perceived(&held));
+    let clone = || {
+        let settings = CloningSettings::of(domain.name());
+        let quiet = |_, _, _: f32| {};
+        cloning::learn(&layout, sizes, &learned_from, &held, &settings, &quiet).unwrap()
+    };
+    let cloned = clone();
     let chance = 2.0_f32.ln();
-    assert!(cloned.validation < 0.85 * chance, "{}", cloned.validation);
-    assert_eq!(cloned.tried.len(), 3);
-    let least = cloned
-        .tried
-        .iter()
-        .map(|t| t.1)
-        .fold(f32::INFINITY, f32::min);
-    assert_eq!(least, cloned.validation);
-    let settings = sqil::Settings {
+    let best = cloned.best.validation;
+    assert!(best < 0.85 * chance, "{best}");
+    assert_eq!(cloned.trials.len(), 3);
+    let trials = cloned.trials.iter().map(|trial| trial.validation);
+    assert_eq!(trials.fold(f32::INFINITY, f32::min), best);
+    let settings = SqilSettings {
         phases: 8,
-        ..sqil::Settings::default()
+        ..SqilSettings::of(domain.name())
     };
     let sight = person.sight();
-    let imitated = sqil::learn(
-        vec![(world, (sight.limits.to_vec(), sight.heard))],
-        sizes,
-        &learned_from,
-        &held,
-        &settings,
-        &mut |_, _| {},
-    );
-    assert!(imitated.validation < chance, "{}", imitated.validation);
-    // Neither depends on anything but its arguments.
-    let again = cloning::learn(
-        &trainer(domain).model.layout,
-        sizes,
-        &learned_from,
-        &held,
-        &cloning::Settings::default(),
-    );
+    let mut place = Place {
+        environment: Box::new(Gridworld::from(world)),
+        limits: sight.limits.to_vec(),
+        heard: sight.heard,
+        words: false,
+    };
+    let places = std::slice::from_mut(&mut place);
+    let imitated = sqil::learn(places, sizes, &learned_from, &held, &settings, &|_, _| {});
+    let validation = imitated.progress.validation.unwrap();
+    assert!(validation < chance, "{validation}");
+    // It depends on nothing but its arguments.
+    let again = clone();
     assert_eq!(
         bits(&again.policy.parameters),
         bits(&cloned.policy.parameters)

@@ -83,7 +83,8 @@ fn learning_implants_moves_nothing_else() {
     let model = trainer().model;
     let before = bits(&model.parameters);
     let person = Person::builtin(1).unwrap();
-    let demonstrations = training::demonstrations::record_in(scene(), &person, 1, 0, 1).unwrap();
+    let demonstrations =
+        training::rounds::Rounds::record_drives_in(scene(), &person, 1, 0, 1).unwrap();
     let settings = training::implants::Settings {
         iterations: 2,
         ..Default::default()
@@ -114,14 +115,15 @@ fn demonstrations_survive_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rounds.safetensors");
     let person = Person::builtin(2).unwrap();
-    let mut rounds = training::demonstrations::record_in(scene(), &person, 3, 0, 2).unwrap();
+    let mut rounds = training::rounds::Rounds::record_drives_in(scene(), &person, 3, 0, 2).unwrap();
     rounds.source = "a test".to_owned();
     rounds.save(&path).unwrap();
-    let back = training::demonstrations::Demonstrations::load(&path).unwrap();
+    let layout = domains::highway::modalities::layout();
+    let back = training::rounds::Rounds::load(&path, &layout).unwrap();
     assert_eq!(rounds, back);
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() - 10]).unwrap();
-    let error = training::demonstrations::Demonstrations::load(&path)
+    let error = training::rounds::Rounds::load(&path, &layout)
         .err()
         .unwrap();
     assert!(error.to_string().contains("rounds.safetensors"));

@@ -4,7 +4,7 @@ use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, World
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use training::discrete::{Round, Rounds};
+use training::rounds::{Round, Rounds};
 
 /// Any Python; says so where there is none.
 fn python(test: &str) -> Option<PathBuf> {
@@ -276,12 +276,10 @@ fn table_of(rounds: &Rounds, visual: usize, verbal: usize) -> String {
     for (number, round) in rounds.rounds.iter().enumerate() {
         for t in 0..round.len() {
             let perceived = round.perceived[t].visual | u64::from(round.perceived[t].verbal) << 32;
-            let (action, reward) = (round.action[t], round.reward[t]);
+            let (action, reward) = (round.choice(t), round.reward[t]);
             write!(text, "{number},{action},{reward},{perceived}").unwrap();
-            let seen = &round.visual[t * visual..(t + 1) * visual];
-            let said = &round.verbal[t * verbal..(t + 1) * verbal];
-            seen.iter()
-                .chain(said)
+            let seen = round.visual(t).iter();
+            seen.chain(round.verbal(t))
                 .for_each(|x| write!(text, ",{x}").unwrap());
             text.push('\n');
         }

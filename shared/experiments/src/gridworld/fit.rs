@@ -16,7 +16,8 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
-use training::discrete::people::{Learned, Lessons, learn, wants_original};
+use training::config;
+use training::people::{Demonstrations, Learned, learn, wants_original};
 
 /// The person themselves: the ideal model.
 pub const IDEAL: &str = "ideal";
@@ -131,14 +132,21 @@ pub fn learned(
             Ok(lived.first(rounds))
         })
         .transpose()?;
-    let lessons = Lessons {
+    let demonstrations = Demonstrations {
         rounds: &own,
         original: original.as_ref(),
         validation: Some(&lived.validation),
-        sqil_phases: common.sqil_phases,
-        config: None,
     };
-    Ok(learn(kind, model, &lessons, seed, &mut |_, _, _| {})?)
+    let mut config = config::gridworld(common.domain.name());
+    config.sqil.phases = common.sqil_phases.unwrap_or(config.sqil.phases);
+    Ok(learn(
+        kind,
+        model,
+        &demonstrations,
+        &config,
+        seed,
+        &|_, _, _| {},
+    )?)
 }
 
 /// Runs a study, or what is left of it.

@@ -15,7 +15,8 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
-use training::discrete::{Rounds, implants};
+use training::implants_discrete as implants;
+use training::rounds::Rounds;
 
 /// Settings, in the order of rows.
 const SETTINGS: [Setting; 2] = [Setting::Original, Setting::Transfer];

@@ -15,7 +15,9 @@ pub mod units;
 
 use domains::discrete::Domain;
 use models::SelfModel;
-use training::discrete as learning;
+use training::cloning::CloningSettings;
+use training::implants_discrete;
+use training::sqil::SqilSettings;
 
 /// What a domain is called in headings.
 pub const fn title(domain: Domain) -> &'static str {
@@ -61,9 +63,9 @@ impl Common {
         serde_json::json!({
             "self_model": model.digest(),
             "rounds": [subject::LEARNING, subject::VALIDATION, subject::TEST],
-            "implants": learning::implants::Settings::of(domain),
-            "bc": learning::cloning::Settings::of(domain),
-            "sqil": learning::sqil::Settings::of(domain),
+            "implants": implants_discrete::Settings::of(domain),
+            "bc": CloningSettings::of(domain),
+            "sqil": SqilSettings::of(domain),
             "sqil_phases": self.sqil_phases,
             "study": own,
         })

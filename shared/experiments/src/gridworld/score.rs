@@ -9,8 +9,8 @@ use models::{
     ActionDistribution, Beliefs, Communicated, HumanModel, Observations, RecurrentPolicy, SelfModel,
 };
 use nn::{Arena, Tape, Tensor, noise};
-use training::discrete::cloning::Perceived;
-use training::discrete::{Round, Rounds};
+use training::rounds::Rounds;
+use training::trajectory::{Sequences, Trajectory};
 
 /// Imagined people where perception is a matter of chance.
 pub const IMAGINED: usize = 32;
@@ -37,26 +37,21 @@ pub fn of_model(human: &mut dyn HumanModel, model: &SelfModel, rounds: &Rounds) 
         let mut action = Tensor::new(shape.action, batch);
         for t in 0..round.len() {
             for j in 0..batch {
-                let at = |x: &[f32], width: usize| x[t * width..(t + 1) * width].to_vec();
-                let (visual, verbal) = (
-                    at(&round.visual, shape.visual),
-                    at(&round.verbal, shape.verbal),
-                );
-                observations.visual.column_mut(j).copy_from_slice(&visual);
-                observations.verbal.column_mut(j).copy_from_slice(&verbal);
+                let Observations { visual, verbal } = &mut observations;
+                visual.column_mut(j).copy_from_slice(round.visual(t));
+                verbal.column_mut(j).copy_from_slice(round.verbal(t));
             }
             noise::fill(&mut noise, number as u64, t as u64);
             let noise = by_chance.then_some(&noise[..]);
             human.perceive(&mut beliefs, &action, &observations, &told, noise);
             human.act(&beliefs, &mut distribution);
-            let taken = usize::from(round.action[t]);
+            let taken = round.choice(t);
             let log = distribution.log_probability().expect("choices");
             let p = |j: usize| f64::from(log.column(j)[taken]).exp();
             sum += surprise((0..batch).map(p).sum::<f64>() / batch as f64);
             counted += 1;
-            action.fill(0.0);
             for j in 0..batch {
-                action.column_mut(j)[taken] = 1.0;
+                action.column_mut(j).copy_from_slice(round.action(t));
             }
         }
     }
@@ -65,19 +60,16 @@ pub fn of_model(human: &mut dyn HumanModel, model: &SelfModel, rounds: &Rounds) 
 
 /// Mean surprise of a recurrent policy that is told what the person truly perceived.
 pub fn of_policy(policy: &RecurrentPolicy, rounds: &Rounds) -> f64 {
-    let used: Vec<&Round> = rounds.rounds.iter().filter(|r| !r.is_empty()).collect();
-    if used.is_empty() {
+    let trajectory = |round| Trajectory::new(round, &policy.view, policy.actions);
+    let perceived: Vec<_> = rounds.rounds.iter().map(trajectory).collect();
+    let Some(perceived) = Sequences::whole(&perceived) else {
         return 0.0;
-    }
-    let perceived = Perceived::new(policy, &used);
+    };
     let mut arena = Arena::new();
     let mut tape = Tape::new(&policy.parameters, &mut arena);
-    let logits = policy.on_tape(
-        &mut tape,
-        &perceived.observed,
-        &perceived.previous,
-        perceived.columns,
-    );
+    let before = Tensor::new(policy.sizes.hidden, perceived.columns);
+    let h = policy.follow(&mut tape, &perceived.observed, &perceived.previous, &before);
+    let logits = tape.mlp(&policy.head, h);
     let nll = tape.categorical_nll(logits, &perceived.taken);
     let nll = tape.value(nll);
     let counted = nll.iter().zip(perceived.weight.data());
@@ -102,7 +94,6 @@ pub fn of_person(
     seed: u64,
     first: u32,
 ) -> f64 {
-    let [visual, verbal] = rounds.sizes;
     let (mut sum, mut counted) = (0.0, 0_usize);
     let mut minds = vec![person.clone(); MINDS];
     for (number, round) in rounds.rounds.iter().enumerate() {
@@ -118,9 +109,8 @@ pub fn of_person(
         }
         let mut weights = vec![1.0 / MINDS as f64; MINDS];
         for t in 0..round.len() {
-            let visual = &round.visual[t * visual..(t + 1) * visual];
-            let verbal = &round.verbal[t * verbal..(t + 1) * verbal];
-            let taken = usize::from(round.action[t]);
+            let (visual, verbal) = (round.visual(t), round.verbal(t));
+            let taken = round.choice(t);
             let mut expected = 0.0;
             for (mind, weight) in minds.iter_mut().zip(&mut weights) {
                 mind.perceive(visual, verbal, round.perceived[t]);

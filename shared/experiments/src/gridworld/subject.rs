@@ -4,7 +4,7 @@
 
 use domains::discrete::{Domain, Scene, Setting, SimulatedPerson, Words, World};
 use models::words::shipped;
-use training::discrete::Rounds;
+use training::rounds::Rounds;
 
 /// Rounds to learn from.
 pub const LEARNING: usize = 20;

@@ -5,7 +5,8 @@ use domains::commonroad::{RecordedSeat, Scenario};
 use domains::highway::{EGO_SPEED_MPS, Scene};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use training::demonstrations::{Moment, Round};
+use training::environment::visual_of;
+use training::rounds::Round;
 
 /// Who is left out: drivers who give too little to learn from or to be measured on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -122,9 +123,11 @@ fn drive(scenario: &Scenario, id: i32, kind: &str, rule: &Rule) -> Result<Round,
     for (observation, action) in seat {
         distance_m += observation.ego[1] * EGO_SPEED_MPS * step_s;
         clamped += usize::from(action.iter().any(|value| value.abs() >= 1.0));
-        round.steps.push(Moment::new(&observation, action));
+        round.visual.extend(visual_of(&observation));
+        round.action.extend(action);
+        round.reward.push(0.0);
     }
-    let steps = round.steps.len();
+    let steps = round.len();
     if steps < rule.steps {
         return Err(format!("{steps} control steps"));
     }

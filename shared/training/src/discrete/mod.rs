@@ -2,21 +2,15 @@
 
 mod batch;
 mod checkpoint;
-pub mod cloning;
 mod dqn;
-pub mod implants;
 mod losses;
-pub mod people;
 mod replay;
 mod rollout;
-mod rounds;
 mod settings;
-pub mod sqil;
 
 pub use batch::{Dropout, Shard};
 pub use checkpoint::ResumeError;
 pub use dqn::{Metrics, Trainer};
 pub use replay::{Episode, Replay};
 pub use rollout::{Actor, Lived, Rollout};
-pub use rounds::{Round, Rounds, RoundsError};
 pub use settings::Settings;

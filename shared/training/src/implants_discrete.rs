@@ -14,9 +14,9 @@
 //! holds the network down while rounds are few and yields as they become many. A penalty on the residual's *output* does not: it
 //! taxes a plain habit in every step, until a limit is bent to explain it.
 
-use super::rounds::Rounds;
 use crate::SHARDS;
 use crate::config::{self, Checked};
+use crate::rounds::Rounds;
 use domains::Perception;
 use models::implants::{ActionOnTape, Attached, policy_on_tape, seen_on_tape};
 use models::{Implants, SelfModel};
@@ -175,15 +175,13 @@ pub fn follow(model: &SelfModel, rounds: &Rounds, settings: &Settings) -> Vec<Fo
             for (j, round) in part.iter().enumerate() {
                 for t in 0..round.len() {
                     let at = t * part.len() + j;
-                    let visual = &round.visual[t * shape.visual..(t + 1) * shape.visual];
-                    let verbal = &round.verbal[t * shape.verbal..(t + 1) * shape.verbal];
-                    out.visual.column_mut(at).copy_from_slice(visual);
-                    out.verbal.column_mut(at).copy_from_slice(verbal);
+                    out.visual.column_mut(at).copy_from_slice(round.visual(t));
+                    out.verbal.column_mut(at).copy_from_slice(round.verbal(t));
                     if t > 0 {
-                        let before = usize::from(round.action[t - 1]);
-                        out.previous.column_mut(at)[before] = 1.0;
+                        let before = round.action(t - 1);
+                        out.previous.column_mut(at).copy_from_slice(before);
                     }
-                    out.taken[at] = round.action[t].into();
+                    out.taken[at] = round.choice(t) as u32;
                     out.weight.data_mut()[at] = 1.0;
                 }
             }

@@ -1,0 +1,446 @@
+//! Human models of one person, learned from their rounds: one call for every kind and domain.
+
+use crate::cloning::{self, CloningSettings, NothingToClone};
+use crate::config::Config;
+use crate::environment::{self, EnvironmentError};
+use crate::implants::{self, ImplantError};
+use crate::implants_discrete;
+use crate::rounds::{Round, Rounds};
+use crate::sqil::{self, Place, SqilSettings};
+use crate::trajectory::{Trajectory, hold_out};
+use domains::Layout;
+use domains::discrete::Setting;
+use models::{
+    HumanModel, Implants, Kind, PersonalPolicy, RecurrentSizes, SelfHuman, SelfModel, SizesError,
+    View,
+};
+use nn::checkpoint::CheckpointError;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use thiserror::Error;
+
+/// Seed of the expert's rounds, which are the same for everybody.
+const EXPERT_SEED: u64 = 0x6578_7065;
+/// Steps after which an expert's round is cut.
+const EXPERT_STEPS: usize = 400;
+
+/// What there is to learn from.
+#[derive(Clone, Copy, Debug)]
+pub struct Demonstrations<'a> {
+    /// The person's rounds in the setting that the model is for.
+    pub rounds: &'a Rounds,
+    /// Their rounds in the original setting, where `rounds` are of the transfer setting: BC and SQIL learn from both (paper §IV-A).
+    pub original: Option<&'a Rounds>,
+    /// Rounds that say when BC and SQIL have learned enough; without them, a quarter of the others does.
+    pub validation: Option<&'a Rounds>,
+}
+
+impl<'a> Demonstrations<'a> {
+    /// Only a person's rounds.
+    pub const fn of(rounds: &'a Rounds) -> Self {
+        Self {
+            rounds,
+            original: None,
+            validation: None,
+        }
+    }
+}
+
+/// How implants are learned.
+pub trait ImplantLearner {
+    /// Steps that a round of these needs to be learned from.
+    fn least_steps(&self, _rounds: &Rounds) -> usize {
+        1
+    }
+
+    /// The implants of a person, `mirror`'s or `mirror-p`'s, and how learning went, in words. `progress` hears of (done, at
+    /// most, a word).
+    ///
+    /// # Errors
+    /// If the rounds do not suffice.
+    fn learn(
+        &self,
+        model: &SelfModel,
+        kind: Kind,
+        rounds: &Rounds,
+        seed: u64,
+        progress: &dyn Fn(u64, u64, &str),
+    ) -> Result<(Implants, String), LearnError>;
+}
+
+impl ImplantLearner for implants::Settings {
+    fn least_steps(&self, rounds: &Rounds) -> usize {
+        self.least_steps(rounds)
+    }
+
+    fn learn(
+        &self,
+        model: &SelfModel,
+        kind: Kind,
+        rounds: &Rounds,
+        seed: u64,
+        progress: &dyn Fn(u64, u64, &str),
+    ) -> Result<(Implants, String), LearnError> {
+        let settings = Self { seed, ..*self };
+        let most = (settings.iterations * settings.starts_m.len()) as u64;
+        let learned = implants::learn(model, kind, rounds, &settings, |done, loss| {
+            progress(done as u64, most, &format!("loss {loss:.4}"));
+        })?;
+        let last = learned.losses.last().copied().unwrap_or(f32::NAN);
+        Ok((learned.implants, format!("last loss {last:.4}")))
+    }
+}
+
+impl ImplantLearner for implants_discrete::Settings {
+    fn learn(
+        &self,
+        model: &SelfModel,
+        kind: Kind,
+        rounds: &Rounds,
+        seed: u64,
+        progress: &dyn Fn(u64, u64, &str),
+    ) -> Result<(Implants, String), LearnError> {
+        let settings = Self { seed, ..*self };
+        let most = settings.all_iterations(model) as u64;
+        let with_policy = kind == Kind::Mirror;
+        let mut tell = |done, loss| progress(done as u64, most, &format!("loss {loss:.4}"));
+        let learned = implants_discrete::learn(model, with_policy, rounds, &settings, &mut tell)?;
+        let about = format!("last loss {:.4}", learned.loss);
+        Ok((learned.implants, about))
+    }
+}
+
+/// What was learned.
+#[derive(Clone, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, and it is moved once"
+)]
+pub enum Learned {
+    /// The self-model stays as it is.
+    Nothing {
+        /// Utterances that the person hears without an assistant.
+        heard: u32,
+    },
+    /// `mirror` and `mirror-p`.
+    Implants {
+        /// The implants.
+        implants: Implants,
+        /// Utterances that the person hears without an assistant.
+        heard: u32,
+        /// How learning went, in words.
+        about: String,
+    },
+    /// `bc` and `sqil`.
+    Policy {
+        /// Which.
+        kind: Kind,
+        /// The networks, and what the person perceives.
+        person: PersonalPolicy,
+        /// How learning went, in words.
+        about: String,
+    },
+}
+
+/// A person could not be learned.
+#[derive(Debug, Error)]
+pub enum LearnError {
+    /// The ideal model is the person's own.
+    #[error("human model `ideal` is the simulated person's own and learns nothing")]
+    Own,
+    /// There are no rounds.
+    #[error(transparent)]
+    Empty(#[from] implants_discrete::NothingToLearn),
+    /// The rounds do not suffice for implants.
+    #[error(transparent)]
+    Implants(#[from] ImplantError),
+    /// The rounds do not suffice for a policy.
+    #[error(transparent)]
+    Cloning(#[from] NothingToClone),
+    /// BC and SQIL are told what the person could see, and the rounds do not say.
+    #[error(
+        "human model `{}` has to be told what the person can see, and the rounds do not say (tensor \"limits\")",
+        .0.name()
+    )]
+    Unseen(Kind),
+    /// Fewer rounds than learning and validation take.
+    #[error("{found} round with a step in it: human model `{}` needs two, of which one says when to stop", .kind.name())]
+    TooFew {
+        /// Rounds.
+        found: usize,
+        /// Of which kind.
+        kind: Kind,
+    },
+    /// The configuration has sizes that make no sense.
+    #[error("[network] or [policy]: {0}")]
+    Sizes(#[from] SizesError),
+    /// The world that SQIL or an expert acts in cannot be made.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+}
+
+/// Learns what `kind` takes. `progress` hears of (done, at most, a word).
+///
+/// # Errors
+/// [`LearnError`].
+pub fn learn<S, I: ImplantLearner>(
+    kind: Kind,
+    model: &SelfModel,
+    demonstrations: &Demonstrations,
+    config: &Config<S, I>,
+    seed: u64,
+    progress: &(dyn Fn(u64, u64, &str) + Sync),
+) -> Result<Learned, LearnError> {
+    let rounds = demonstrations.rounds;
+    let heard = rounds.heard;
+    match kind {
+        Kind::Myself => Ok(Learned::Nothing { heard }),
+        Kind::Ideal => Err(LearnError::Own),
+        Kind::Mirror | Kind::MirrorP => {
+            let learner = &config.implants;
+            let (implants, about) = learner.learn(model, kind, rounds, seed, progress)?;
+            Ok(Learned::Implants {
+                implants,
+                heard,
+                about,
+            })
+        }
+        Kind::Bc | Kind::Sqil => {
+            policy(kind, &model.layout, demonstrations, config, seed, progress)
+        }
+    }
+}
+
+fn policy<S, I>(
+    kind: Kind,
+    layout: &Layout,
+    demonstrations: &Demonstrations,
+    config: &Config<S, I>,
+    seed: u64,
+    progress: &(dyn Fn(u64, u64, &str) + Sync),
+) -> Result<Learned, LearnError> {
+    let rounds = demonstrations.rounds;
+    // What limits the person's sight there, and what they hear.
+    let sight_of = |rounds: &Rounds| {
+        let limits = rounds.limits.clone();
+        limits
+            .map(|limits| (limits, rounds.heard))
+            .ok_or(LearnError::Unseen(kind))
+    };
+    let (limits, heard) = sight_of(rounds)?;
+    let sizes = RecurrentSizes {
+        model: config.network.sizes(layout)?,
+        hidden: config.policy.hidden,
+        dense: config.policy.dense,
+        layers: 1,
+    };
+    if let Some(problem) = sizes.problem(layout) {
+        return Err(SizesError(problem).into());
+    }
+    let view = View::new(layout);
+    let perceived = |rounds: &Rounds| -> Result<Vec<Trajectory>, LearnError> {
+        let used = rounds.rounds.iter().filter(|round| !round.is_empty());
+        used.map(|round: &Round| match round.perceived.len() == round.len() {
+            true => Ok(Trajectory::new(round, &view, layout.actions)),
+            false => Err(LearnError::Unseen(kind)),
+        })
+        .collect()
+    };
+    let mut own = perceived(rounds)?;
+    if let Some(original) = demonstrations.original {
+        // One round of each in turn, so that every part of them holds both.
+        own = by_turns(own, perceived(original)?);
+    }
+    let expert = match config.policy.expert_rounds {
+        0 => Vec::new(),
+        count => {
+            let mut world = environment::shipped(layout.domain, Setting::Original)?;
+            let rounds = Rounds::of_expert(&mut *world, EXPERT_SEED, count, EXPERT_STEPS);
+            perceived(&rounds)?
+        }
+    };
+    let held = demonstrations.validation.map(&perceived).transpose()?;
+    let held = held.filter(|held| !held.is_empty());
+    let found = own.len();
+    let stops = kind == Kind::Bc || config.sqil.patience > 0;
+    if found + expert.len() == 0 {
+        return Err(NothingToClone {
+            learned: 0,
+            validated: held.map_or(0, |held| held.len()),
+        }
+        .into());
+    }
+    let (mut train, held) = match held {
+        Some(held) => (own, held),
+        None if stops => hold_out(own),
+        None => (own, Vec::new()),
+    };
+    // A single round says nothing of when to stop; the expert's have to.
+    let (expert, held) = match stops && held.is_empty() {
+        true => hold_out(expert),
+        false => (expert, held),
+    };
+    if stops && held.is_empty() {
+        return Err(LearnError::TooFew { found, kind });
+    }
+    train.extend(expert);
+    let (policy, about) = if kind == Kind::Bc {
+        let settings = CloningSettings {
+            seed,
+            ..config.cloning
+        };
+        clone(layout, sizes, &train, &held, &settings, progress)?
+    } else {
+        let settings = SqilSettings {
+            seed,
+            ..config.sqil
+        };
+        let place = |setting, limits: &Vec<f32>, heard, words| -> Result<Place, LearnError> {
+            Ok(Place {
+                environment: environment::shipped(layout.domain, setting)?,
+                limits: limits.clone(),
+                heard,
+                words,
+            })
+        };
+        let mut places = vec![place(rounds.setting, &limits, heard, false)?];
+        if let Some(original) = demonstrations.original {
+            let (limits, heard) = sight_of(original)?;
+            places.push(place(original.setting, &limits, heard, false)?);
+        }
+        if config.policy.expert_rounds > 0 {
+            let everything = vec![f32::INFINITY; layout.perception.limits()];
+            places.push(place(Setting::Original, &everything, 0, true)?);
+        }
+        imitate(&mut places, sizes, &train, &held, &settings, progress)
+    };
+    Ok(Learned::Policy {
+        kind,
+        person: PersonalPolicy {
+            policy,
+            limits,
+            heard,
+        },
+        about,
+    })
+}
+
+/// One of each in turn, and then what is left.
+fn by_turns(own: Vec<Trajectory>, others: Vec<Trajectory>) -> Vec<Trajectory> {
+    let mut others = others.into_iter();
+    let mut all = Vec::new();
+    for round in own {
+        all.push(round);
+        all.extend(others.next());
+    }
+    all.extend(others);
+    all
+}
+
+fn clone(
+    layout: &Layout,
+    sizes: RecurrentSizes,
+    train: &[Trajectory],
+    held: &[Trajectory],
+    settings: &CloningSettings,
+    progress: &(dyn Fn(u64, u64, &str) + Sync),
+) -> Result<(models::RecurrentPolicy, String), LearnError> {
+    let validations = settings.iterations / settings.every * settings.layers.len();
+    let done = AtomicU64::new(0);
+    let tell = |layers: usize, _: usize, nll: f32| {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        let word = format!("{layers} layers, validation {nll:.3}");
+        progress(done, validations as u64, &word);
+    };
+    let cloned = cloning::learn(layout, sizes, train, held, settings, &tell)?;
+    let trials = cloned.trials.iter().map(|trial| {
+        let (pass, passes) = (trial.iteration, trial.iterations);
+        let (layers, nll) = (trial.layers, trial.validation);
+        format!("{layers} layers {nll:.4} (pass {pass} of {passes})")
+    });
+    let trials: Vec<String> = trials.collect();
+    let about = format!(
+        "validation: {}; kept {} layers",
+        trials.join(", "),
+        cloned.best.layers
+    );
+    Ok((cloned.policy, about))
+}
+
+fn imitate(
+    places: &mut [Place],
+    sizes: RecurrentSizes,
+    train: &[Trajectory],
+    held: &[Trajectory],
+    settings: &SqilSettings,
+    progress: &(dyn Fn(u64, u64, &str) + Sync),
+) -> (models::RecurrentPolicy, String) {
+    let most = settings.phases as u64;
+    let word = |progress: sqil::Progress| match progress.validation {
+        Some(nll) => format!("validation {nll:.4}"),
+        None => format!("last L_Q {:.4}", progress.loss),
+    };
+    let tell = |phase: usize, now: sqil::Progress| progress(phase as u64, most, &word(now));
+    let imitated = sqil::learn(places, sizes, train, held, settings, &tell);
+    let about = word(imitated.progress);
+    (imitated.policy, about)
+}
+
+impl Learned {
+    /// The human model, on the self-model that it was learned with.
+    pub fn human(&self, model: &Arc<SelfModel>) -> Box<dyn HumanModel> {
+        match self {
+            Self::Nothing { heard } => Box::new(SelfHuman::new(Arc::clone(model), None, *heard)),
+            Self::Implants {
+                implants, heard, ..
+            } => Box::new(SelfHuman::new(
+                Arc::clone(model),
+                Some(implants.clone()),
+                *heard,
+            )),
+            Self::Policy { kind, person, .. } => {
+                Box::new(person.clone().human(*kind, &model.layout))
+            }
+        }
+    }
+
+    /// How learning went, in words.
+    pub fn about(&self) -> &str {
+        match self {
+            Self::Nothing { .. } => "nothing to learn",
+            Self::Implants { about, .. } | Self::Policy { about, .. } => about,
+        }
+    }
+
+    /// Writes what was learned; nothing for `self`. `command` is how it was made.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(
+        &self,
+        path: &Path,
+        model: &SelfModel,
+        command: &str,
+    ) -> Result<(), CheckpointError> {
+        match self {
+            Self::Nothing { .. } => Ok(()),
+            Self::Implants {
+                implants, heard, ..
+            } => implants.save(path, model, *heard, command),
+            Self::Policy {
+                kind,
+                person,
+                about,
+            } => {
+                let notes = [("mirror.learning", about.clone())];
+                person.save(path, *kind, &model.layout, command, &notes)
+            }
+        }
+    }
+}
+
+/// Whether BC and SQIL learn from rounds of the original setting too.
+pub fn wants_original(kind: Kind, setting: Setting) -> bool {
+    matches!(kind, Kind::Bc | Kind::Sqil) && setting == Setting::Transfer
+}
