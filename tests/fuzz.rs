@@ -334,20 +334,23 @@ fn checkpoints_of_training() {
     let domain = discrete::Domain::Driving;
     let words = models::words::shipped(domain).unwrap();
     let scene = discrete::Scene::of(domain, discrete::Setting::Original);
-    let world = || discrete::World::new(&scene, &words).unwrap();
-    let settings = training::discrete::Settings {
+    let world = || -> Box<dyn training::environment::Environment> {
+        let world = discrete::World::new(&scene, &words).unwrap();
+        Box::new(training::environment::Gridworld::from(world))
+    };
+    let settings = training::self_model::SelfModelSettings {
         rounds: 2,
         gradient_steps: 1,
         sequences: 4,
         length: 4,
-        ..training::discrete::Settings::of(domain.name())
+        ..training::self_model::SelfModelSettings::of(domain.name())
     };
-    let mut trainer = training::discrete::Trainer::new(world(), settings);
+    let mut trainer = training::self_model::Trainer::new(world(), settings);
     trainer.phase();
     trainer.save(&file, "tests").unwrap();
     let original = vec![std::fs::read(&file).unwrap()];
     let read = |path: &Path| {
-        let mut trainer = refusal(training::discrete::Trainer::resume(path, world()))?;
+        let mut trainer = refusal(training::self_model::Trainer::resume(path, world()))?;
         // Not what was asked for instead: lengths that only take long.
         if trainer.settings == settings {
             trainer.phase();

@@ -502,17 +502,14 @@ pub struct TrainSelfArguments {
     /// Seed of everything that is random [default: 0]
     #[arg(long, value_name = "N", conflicts_with = "resume")]
     pub seed: Option<u64>,
-    /// Episodes in all, those before a --resume included [default: as many as the shipped model had]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub episodes: Option<u32>,
-    /// In a gridworld: phases in all, of some rounds and some gradient steps each [default: as many as the shipped
-    /// model had]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Phases in all, those before a --resume included, each of some rounds (on the highway, one) and some gradient steps
+    /// [default: as many as the shipped model had]
+    #[arg(long, alias = "episodes", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub phases: Option<u32>,
     /// Continue where an earlier run stopped: the result is the same as if it had not
     #[arg(long)]
     pub resume: bool,
-    /// Write one line of JSON per episode, or phase, to this file
+    /// Write one line of JSON per phase to this file
     #[arg(long, value_name = "FILE.jsonl")]
     pub metrics: Option<PathBuf>,
     /// Settings other than those that ship: a TOML file, or a part of one; docs/learn.md says more

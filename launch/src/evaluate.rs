@@ -3,12 +3,11 @@
 use crate::cli::{Domain, Evaluate, EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
 use crate::console::out;
 use crate::failure::Failure;
-use crate::gridworld;
 use crate::inputs;
 use crate::learn::command_line;
 use crate::results_file::results_file;
 use crate::screen::Progress;
-use crate::{evaluate_all, evaluate_real};
+use crate::{evaluate_all, evaluate_gridworld, evaluate_real};
 use anyhow::{Context, Result};
 use experiments::claims::write_study;
 use experiments::drive::{Condition, Study};
@@ -26,12 +25,12 @@ pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
         inputs::writable_file("--results", results).map_err(Failure::refused)?;
     }
     match study {
-        Evaluate::Fit(arguments) => gridworld::evaluate::fit(arguments),
-        Evaluate::Communicate(arguments) => gridworld::evaluate::communicate(arguments),
+        Evaluate::Fit(arguments) => evaluate_gridworld::fit(arguments),
+        Evaluate::Communicate(arguments) => evaluate_gridworld::communicate(arguments),
         Evaluate::Drive(arguments) => drive(arguments),
         Evaluate::Real(arguments) => evaluate_real::real(arguments),
         Evaluate::Implants(arguments) => match arguments.domain.gridworld() {
-            Some(domain) => gridworld::evaluate::implants(arguments, domain),
+            Some(domain) => evaluate_gridworld::implants(arguments, domain),
             None => implants(arguments),
         },
         Evaluate::All(arguments) => evaluate_all::all(arguments, evaluate),

@@ -102,12 +102,11 @@ pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure>
     }
 }
 
-fn train_with<S, I>(
+fn train_with<I>(
     arguments: &TrainHumanArguments,
-    config: Result<Config<S, I>, ConfigError>,
+    config: Result<Config<I>, ConfigError>,
 ) -> Result<ExitCode, Failure>
 where
-    S: Checked + DeserializeOwned + Serialize,
     I: Checked + DeserializeOwned + Serialize + ImplantLearner,
 {
     let config = config.map_err(Failure::refused)?;
@@ -267,12 +266,12 @@ pub fn person_at_start(
 }
 
 /// Learns what `kind` takes and writes it to `path`; gives a word about how it went.
-fn learn_to<S, I: ImplantLearner>(
+fn learn_to<I: ImplantLearner>(
     path: &Path,
     kind: Kind,
     model: &SelfModel,
     demonstrations: &Demonstrations,
-    config: &Config<S, I>,
+    config: &Config<I>,
     seed: u64,
     title: &str,
 ) -> Result<String> {

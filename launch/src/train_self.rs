@@ -3,124 +3,147 @@
 use crate::cli::TrainSelfArguments;
 use crate::console::out;
 use crate::failure::Failure;
-use crate::gridworld;
 use crate::inputs;
 use crate::learn::command_line;
 use crate::screen::Progress;
-use anyhow::{Context, Result, ensure};
-use domains::highway::{Scene, modalities};
-use models::utterances::UtteranceTable;
+use anyhow::{Context, Result};
+use domains::discrete::{End, Setting};
+use models::Sizes;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use training::config::HighwayConfig;
-use training::self_model::{Settings, Trainer};
+use training::config::{Checked, Config, GridworldConfig, HighwayConfig};
+use training::environment::{Environment, shipped};
+use training::rollout::Actor;
+use training::self_model::{SelfModelSettings, Trainer};
 
-/// Episodes from one checkpoint to the next.
-const CHECKPOINT_EPISODES: u32 = 25;
-/// Episodes that training never saw, driven by the finished policy.
-const EVALUATED: u32 = 30;
+/// Checkpoints of a whole run; writing one takes a fraction of a second.
+const CHECKPOINTS: u32 = 16;
+/// Seed of the rounds by which the finished model is judged: training never saw them.
+const EVALUATION_SEED: u64 = 0x6a75_6467;
+/// Rounds by which it is judged on the highway, and in a gridworld, where they show each scenario ten times or more.
+const EVALUATED: [u32; 2] = [30, 90];
 
 /// Runs `mirror train self`.
 pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
-    if let Some(domain) = arguments.domain.gridworld() {
-        return gridworld::train_self::train_self(arguments, domain);
+    match arguments.domain.gridworld() {
+        Some(_) => train_with(arguments, GridworldConfig::load),
+        None => train_with(arguments, HighwayConfig::load),
     }
-    let config = configured(arguments).map_err(Failure::refused)?;
+}
+
+type Load<I> = fn(&str, Option<&Path>) -> Result<Config<I>, training::config::ConfigError>;
+
+fn train_with<I>(arguments: &TrainSelfArguments, load: Load<I>) -> Result<ExitCode, Failure>
+where
+    I: Checked + DeserializeOwned + Serialize,
+{
+    let plan = || -> Result<_> {
+        let (domain, file) = (arguments.domain.name(), arguments.config.as_deref());
+        let mut config = load(domain, file)?;
+        let environment = shipped(domain, Setting::Original)?;
+        let sizes = config.sizes(environment.layout(), file)?;
+        let phases = arguments.phases.unwrap_or(config.self_model.phases);
+        config.self_model.phases = phases;
+        Ok((config, environment, sizes))
+    };
+    let (config, environment, sizes) = plan().map_err(Failure::refused)?;
     if arguments.print_config {
         out!("{}", config.to_toml().trim_end());
         return Ok(ExitCode::SUCCESS);
     }
-    let (mut trainer, out) = prepare(arguments, &config).map_err(Failure::refused)?;
-    let checkpoint = checkpoint_of(&out);
-    let mut metrics = arguments
-        .metrics
-        .as_deref()
-        .map(|path| open(path, arguments.resume))
-        .transpose()?;
-    let progress = Progress::new("episodes", u64::from(trainer.settings.episodes));
-    while trainer.episode < trainer.settings.episodes {
-        let lived = trainer.episode();
-        if let Some((path, file)) = &mut metrics {
-            write(file, &lived).with_context(|| path.display().to_string())?;
-        }
-        let driver = if lived.expert { "expert" } else { "policy" };
-        progress.at(
-            u64::from(trainer.episode),
-            &format!(
-                "{driver} reward {:.1}, −ELBO {:.1}",
-                lived.episode_reward, lived.loss
-            ),
-        );
-        // The first, too, so that a run that ends soon can be continued.
-        if trainer.episode == 1
-            || trainer.episode % CHECKPOINT_EPISODES == 0
-            || trainer.episode == trainer.settings.episodes
-        {
-            trainer
-                .save(&checkpoint, &command_line())
-                .map_err(anyhow::Error::from)?;
-        }
-    }
-    progress.finish();
-    trainer
-        .model
-        .save(&out, &command_line())
-        .map_err(anyhow::Error::from)?;
-    let (reward, collisions) = trainer.evaluate(EVALUATED);
+    let settings = SelfModelSettings {
+        seed: arguments.seed.unwrap_or_default(),
+        ..config.self_model
+    };
+    let (mut trainer, out) =
+        prepare(arguments, environment, settings, sizes).map_err(Failure::refused)?;
+    run(arguments, &mut trainer, &out)?;
+    let rounds = EVALUATED[usize::from(arguments.domain.gridworld().is_some())];
+    let policy = judged(&mut trainer, Actor::Mode, rounds);
+    let expert = judged(&mut trainer, Actor::Expert { slips: 0.0 }, rounds);
     out!(
-        "{}: {} episodes; over {EVALUATED} new ones the policy's mean reward is {reward:.1}, its collision rate {collisions:.2}",
+        "{}: {} phases; over {rounds} new rounds it {policy}; the expert {expert}",
         out.display(),
-        trainer.episode,
+        trainer.phase,
     );
     out!(
-        "{}: continue with --resume and more --episodes, or delete it",
-        checkpoint.display()
+        "{}: continue with --resume and more --phases, or delete it",
+        checkpoint_of(&out).display()
     );
     Ok(ExitCode::SUCCESS)
 }
 
-/// The settings that were asked for.
-fn configured(arguments: &TrainSelfArguments) -> Result<HighwayConfig> {
-    ensure!(
-        arguments.phases.is_none(),
-        "--phases: only the gridworlds count in phases, the highway's training in --episodes"
-    );
-    let mut config = HighwayConfig::load(modalities::NAME, arguments.config.as_deref())?;
-    config.sizes(&modalities::layout(), arguments.config.as_deref())?;
-    if let Some(episodes) = arguments.episodes {
-        config.self_model.episodes = episodes;
-    }
-    Ok(config)
+fn prepare(
+    arguments: &TrainSelfArguments,
+    environment: Box<dyn Environment>,
+    settings: SelfModelSettings,
+    sizes: Sizes,
+) -> Result<(Trainer, PathBuf)> {
+    let out = outputs(arguments)?;
+    let mut trainer = match arguments.resume {
+        true => Trainer::resume(&checkpoint_of(&out), environment)?,
+        false => Trainer::with_sizes(environment, settings, sizes),
+    };
+    trainer.settings.phases = arguments.phases.unwrap_or(trainer.settings.phases);
+    Ok((trainer, out))
 }
 
-fn prepare(arguments: &TrainSelfArguments, config: &HighwayConfig) -> Result<(Trainer, PathBuf)> {
-    let out = outputs(arguments)?;
-    let scene = Arc::new(Scene::builtin("highway-clear")?);
-    let table = UtteranceTable::shipped()?;
-    let mut trainer = if arguments.resume {
-        Trainer::resume(&checkpoint_of(&out), scene, table)?
-    } else {
-        let settings = Settings {
-            seed: arguments.seed.unwrap_or_default(),
-            ..config.self_model
-        };
-        let sizes = config.sizes(&modalities::layout(), arguments.config.as_deref())?;
-        Trainer::with_sizes(scene, table, settings, sizes)?
+/// Trains to the end and writes the model, and now and then what is needed to continue.
+fn run(arguments: &TrainSelfArguments, trainer: &mut Trainer, out: &Path) -> Result<()> {
+    let checkpoint = checkpoint_of(out);
+    let mut metrics = match &arguments.metrics {
+        None => None,
+        Some(path) => {
+            let file: File = files::log(path, arguments.resume)?;
+            Some((path, BufWriter::new(file)))
+        }
     };
-    if let Some(episodes) = arguments.episodes {
-        trainer.settings.episodes = episodes;
+    let every = trainer.settings.phases.div_ceil(CHECKPOINTS).max(1);
+    let progress = Progress::new("phases", u64::from(trainer.settings.phases));
+    while !trainer.is_done() {
+        let phase = trainer.phase();
+        if let Some((path, file)) = &mut metrics {
+            write(file, &phase).with_context(|| path.display().to_string())?;
+        }
+        let of_policy = phase.policy_reward.or(phase.limited_reward);
+        let (who, reward) = match (of_policy, phase.expert_reward) {
+            (Some(reward), _) => ("policy", reward),
+            (None, reward) => ("expert", reward.unwrap_or(f32::NAN)),
+        };
+        let word = format!("{who} reward {reward:.2}, −ELBO {:.2}", phase.losses.loss);
+        progress.at(u64::from(trainer.phase), &word);
+        // The first, too, so that a run that ends soon can be continued.
+        if trainer.phase == 1 || trainer.phase.is_multiple_of(every) || trainer.is_done() {
+            trainer.save(&checkpoint, &command_line())?;
+        }
     }
-    Ok((trainer, out))
+    progress.finish();
+    trainer.model.save(out, &command_line())?;
+    Ok(())
+}
+
+/// How an actor does on rounds that nobody learned from, in words.
+fn judged(trainer: &mut Trainer, actor: Actor, rounds: u32) -> String {
+    let lived = trainer.evaluate(actor, EVALUATION_SEED, rounds);
+    let n = lived.len().max(1) as f32;
+    let reward = lived.iter().map(|l| l.reward).sum::<f32>() / n;
+    let share = |end: End| 100.0 * lived.iter().filter(|l| l.end == end).count() as f32 / n;
+    format!(
+        "earns {reward:.2} a round and ends {:.0} % in success, {:.0} % in a collision",
+        share(End::Success),
+        share(End::Collision)
+    )
 }
 
 /// The model's file, once it is clear that it can be written, and what is written beside it, too.
 ///
 /// # Errors
 /// Names the option and the file.
-pub(crate) fn outputs(arguments: &TrainSelfArguments) -> Result<PathBuf> {
+fn outputs(arguments: &TrainSelfArguments) -> Result<PathBuf> {
     let out = arguments.out.as_deref().context("--out: which file?")?;
     let out = inputs::writable_file("--out", out)?;
     inputs::writable_file("--out", &checkpoint_of(&out))?;
@@ -131,16 +154,11 @@ pub(crate) fn outputs(arguments: &TrainSelfArguments) -> Result<PathBuf> {
 }
 
 /// Where a run keeps what it needs to continue.
-pub(crate) fn checkpoint_of(out: &Path) -> PathBuf {
+fn checkpoint_of(out: &Path) -> PathBuf {
     out.with_extension("training.safetensors")
 }
 
-pub(crate) fn open(path: &Path, append: bool) -> Result<(PathBuf, BufWriter<File>)> {
-    let file = files::log(path, append)?;
-    Ok((path.to_owned(), BufWriter::new(file)))
-}
-
-pub(crate) fn write(file: &mut BufWriter<File>, metrics: &impl serde::Serialize) -> Result<()> {
+fn write(file: &mut BufWriter<File>, metrics: &impl Serialize) -> Result<()> {
     serde_json::to_writer(&mut *file, metrics)?;
     file.write_all(b"\n")?;
     Ok(file.flush()?)

@@ -11,7 +11,7 @@ use domains::discrete::{Discrete, Domain, Mind, Scene, Setting};
 use domains::driving::{Person, Planning, SimulatedDriver, VERBAL, VISUAL, Weights, World};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use training::irl::{IrlError, Settings, driving_lattice, learn};
+use training::irl::{IrlError, IrlSettings, driving_lattice, learn};
 
 const SEED: u64 = 10;
 const PEOPLE: u32 = 10;
@@ -75,9 +75,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 reason,
             })?);
         }
-        let settings = Settings {
+        let settings = IrlSettings {
             discount: f64::from(PLANNING.discount),
-            ..Settings::default()
+            ..IrlSettings::default()
         };
         let learned = learn(&rounds, &settings)?;
         let [offset, a, b, c, d, change] = learned.weights[..] else {

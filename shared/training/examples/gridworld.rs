@@ -11,7 +11,10 @@ use models::{Filter, Scratch, SelfModel};
 use nn::{Tensor, noise};
 use std::sync::Arc;
 use training::config::Checked;
-use training::discrete::{Actor, Episode, Rollout, Settings, Trainer};
+use training::environment::Gridworld;
+use training::replay::Episode;
+use training::rollout::{Actor, Rollout};
+use training::self_model::{SelfModelSettings, Trainer};
 
 const USAGE: &str =
     "usage: gridworld driving|search_rescue|bomb_defusal OUT [SETTING=VALUE…|measure]";
@@ -32,7 +35,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         measure(&model, &world);
         return Ok(());
     }
-    let mut trainer = Trainer::new(world.clone(), settings(domain, &arguments[2..])?);
+    let settings = settings(domain, &arguments[2..])?;
+    let mut trainer = Trainer::new(Box::new(Gridworld::from(world.clone())), settings);
     println!("{}", serde_json::to_string(&trainer.settings)?);
     let start = std::time::Instant::now();
     let every = (trainer.settings.phases / 20).max(1);
@@ -41,12 +45,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if trainer.phase.is_multiple_of(every) || trainer.is_done() {
             let seconds = start.elapsed().as_secs_f32();
             println!("{} {seconds:.1} s", serde_json::to_string(&metrics)?);
-            let greedy = Actor::Greedy {
-                explore: 0.0,
-                limited: false,
-            };
             let rounds = 4 * world.scenarios();
-            let rewards = rewards(&trainer.model, &world, greedy, rounds);
+            let rewards = rewards(&trainer.model, &world, Actor::Mode, rounds);
             println!("  greedy {:.3}: {rewards:.2?}", mean(&rewards));
         }
     }
@@ -56,13 +56,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// A domain's settings with some of them replaced.
-fn settings(domain: Domain, given: &[String]) -> Result<Settings, Box<dyn std::error::Error>> {
-    let mut settings = serde_json::to_value(Settings::of(domain.name()))?;
+fn settings(
+    domain: Domain,
+    given: &[String],
+) -> Result<SelfModelSettings, Box<dyn std::error::Error>> {
+    let mut settings = serde_json::to_value(SelfModelSettings::of(domain.name()))?;
     for word in given {
         let (name, value) = word.split_once('=').ok_or(USAGE)?;
-        settings[name] = serde_json::from_str(value)?;
+        let place = match name.strip_prefix("dqn.") {
+            Some(name) => &mut settings["dqn"][name],
+            None => &mut settings[name],
+        };
+        *place = serde_json::from_str(value)?;
     }
-    let settings: Settings = serde_json::from_value(settings)?;
+    let settings: SelfModelSettings = serde_json::from_value(settings)?;
     settings.problem().map_or(Ok(settings), |p| Err(p.into()))
 }
 
@@ -72,7 +79,7 @@ fn mean(x: &[f32]) -> f32 {
 
 /// Mean reward of each scenario's rounds.
 fn rewards(model: &SelfModel, world: &World, actor: Actor, rounds: u32) -> Vec<f32> {
-    let mut rollout = Rollout::new(world.clone(), model);
+    let mut rollout = Rollout::new(Box::new(Gridworld::from(world.clone())), model);
     let scenarios = world.scenarios();
     let mut sums = vec![0.0; scenarios as usize];
     for round in 0..rounds {
@@ -129,7 +136,7 @@ fn live(image: &[f32], truth: &[f32]) -> (usize, bool) {
 }
 
 fn measure(model: &SelfModel, world: &World) {
-    let greedy = |explore, limited| Actor::Greedy { explore, limited };
+    let greedy = |explore, limited| Actor::Policy { explore, limited };
     for (name, actor) in [
         ("expert", Actor::Expert { slips: 0.0 }),
         ("greedy", greedy(0.0, false)),
@@ -145,7 +152,7 @@ fn measure(model: &SelfModel, world: &World) {
         ("expert's", Actor::Expert { slips: 0.0 }),
         ("own", greedy(0.0, false)),
     ] {
-        let mut rollout = Rollout::new(world.clone(), model);
+        let mut rollout = Rollout::new(Box::new(Gridworld::from(world.clone())), model);
         let mut measured = Measured::default();
         for round in 0..8 * world.scenarios() {
             let (_, episode) = rollout.episode(model, actor, MEASURED, round);
@@ -182,36 +189,31 @@ impl Measured {
         let (mut q, mut out) = (Tensor::default(), Tensor::default());
         let mut noise = vec![0.0; model.sizes.latent];
         let part = |x: &[f32], t: usize, width: usize| x[t * width..(t + 1) * width].to_vec();
-        let hot = |action: &mut Tensor, a: u8| {
-            action.fill(0.0);
-            action.column_mut(0)[usize::from(a)] = 1.0;
-        };
         for t in 0..episode.len() - 1 {
             let visual = part(&episode.visual, t, shape.visual);
             let verbal = part(&episode.verbal, t, shape.verbal);
-            if t > 0 {
-                hot(&mut action, episode.action[t]);
-            }
+            action.column_mut(0).copy_from_slice(episode.action(t));
             let everything = model.layout.everything();
             let column = observed.column_mut(0);
             model.view.write(&visual, &verbal, everything, column);
             filter.update(model, &action, &observed);
             model.q_values(&mut scratch, &filter.mean, &mut q);
-            let expert = usize::from(episode.expert[t]);
+            let expert = largest(episode.expert(t));
             let values = q.column(0);
             let other = (0..values.len()).filter(|a| *a != expert);
             let rival = other.map(|a| values[a]).fold(f32::NEG_INFINITY, f32::max);
             self.steps += 1;
             self.agreed += usize::from(largest(values) == expert);
             self.least_margins.push(values[expert] - rival);
-            let taken = usize::from(episode.action[t + 1]);
+            let taken = largest(episode.action(t + 1));
             let future = episode.reward[t + 1..].iter().rev();
             let gained = future.fold(0.0, |sum, r| r + 0.95 * sum);
             self.value_error += (values[taken] - gained).powi(2);
             let mut z = filter.mean.clone();
             for step in 0..=AHEAD[3].min(episode.len() - 1 - t) {
                 if step > 0 {
-                    hot(&mut action, episode.action[t + step]);
+                    let done = episode.action(t + step);
+                    action.column_mut(0).copy_from_slice(done);
                     // In samples, as plans imagine, and not their mean.
                     noise::fill(&mut noise, (self.steps * 16 + step) as u64, 0);
                     model.advance(&mut scratch, &mut z, &action, &noise);

@@ -4,8 +4,9 @@
 //! sort, are refused with file, line and column.
 
 use crate::cloning::CloningSettings;
+use crate::self_model::SelfModelSettings;
 use crate::sqil::SqilSettings;
-use crate::{discrete, implants, implants_discrete, self_model};
+use crate::{implants, implants_discrete};
 use domains::Layout;
 use models::Sizes;
 use models::config::{Network, shipped};
@@ -20,11 +21,11 @@ use toml::{Spanned, Table, Value};
 /// All settings of a domain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config<S, I> {
+pub struct Config<I> {
     /// Networks of the self-model.
     pub network: Network,
     /// How the self-model is learned.
-    pub self_model: S,
+    pub self_model: SelfModelSettings,
     /// How implants are.
     pub implants: I,
     /// The recurrent policies of behavioural cloning and soft-Q imitation.
@@ -71,9 +72,9 @@ pub struct Policies {
 }
 
 /// The highway's.
-pub type HighwayConfig = Config<self_model::Settings, implants::Settings>;
+pub type HighwayConfig = Config<implants::Settings>;
 /// A gridworld's.
-pub type GridworldConfig = Config<discrete::Settings, implants_discrete::Settings>;
+pub type GridworldConfig = Config<implants_discrete::Settings>;
 
 /// A configuration could not be used.
 #[derive(Debug, Error)]
@@ -116,9 +117,8 @@ pub trait Checked {
     fn problem(&self) -> Option<String>;
 }
 
-impl<S, I> Config<S, I>
+impl<I> Config<I>
 where
-    S: Checked + DeserializeOwned + Serialize,
     I: Checked + DeserializeOwned + Serialize,
 {
     /// What ships for `domain`, with what `file` says instead.
@@ -204,6 +204,15 @@ fn of_shipped<T: DeserializeOwned>(domain: &str) -> T {
     let (name, text) = shipped(domain);
     // Every file that ships is read by a test.
     toml::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// What ships of the self-model's training for a domain.
+pub fn self_model(domain: &str) -> SelfModelSettings {
+    #[derive(Deserialize)]
+    struct Part {
+        self_model: SelfModelSettings,
+    }
+    of_shipped::<Part>(domain).self_model
 }
 
 /// What ships of recurrent policies for a domain.

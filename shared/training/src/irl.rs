@@ -54,7 +54,7 @@ pub enum IrlError {
 
 /// How to learn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct IrlSettings {
     /// λ: precision of the weights' Gaussian prior.
     pub prior: f64,
     /// γ.
@@ -65,7 +65,7 @@ pub struct Settings {
     pub tolerance: f64,
 }
 
-impl Default for Settings {
+impl Default for IrlSettings {
     fn default() -> Self {
         Self {
             prior: 0.05,
@@ -78,7 +78,7 @@ impl Default for Settings {
 
 /// What was learned.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Learned {
+pub struct LearnedWeights {
     /// θ.
     pub weights: Vec<f64>,
     /// Standard error of each weight: the objective's inverse curvature at θ. Infinite where the rounds tell nothing.
@@ -222,7 +222,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 ///
 /// # Errors
 /// If there is nothing to learn from, rounds have different features, or a round's parts do not fit together.
-pub fn learn(rounds: &[Lattice], settings: &Settings) -> Result<Learned, IrlError> {
+pub fn learn(rounds: &[Lattice], settings: &IrlSettings) -> Result<LearnedWeights, IrlError> {
     let actions: usize = rounds.iter().map(Lattice::steps).sum();
     let features = rounds.first().map_or(0, |round| round.features);
     if actions == 0 {
@@ -312,7 +312,7 @@ pub fn learn(rounds: &[Lattice], settings: &Settings) -> Result<Learned, IrlErro
             curvature[k * features + j] = slope * actions as f64;
         }
     }
-    Ok(Learned {
+    Ok(LearnedWeights {
         gradient: largest(&gradient),
         error: inverse_diagonal(&mut curvature, features)
             .map(|variance| variance.max(0.0).sqrt())

@@ -184,11 +184,11 @@ pub enum LearnError {
 ///
 /// # Errors
 /// [`LearnError`].
-pub fn learn<S, I: ImplantLearner>(
+pub fn learn<I: ImplantLearner>(
     kind: Kind,
     model: &SelfModel,
     demonstrations: &Demonstrations,
-    config: &Config<S, I>,
+    config: &Config<I>,
     seed: u64,
     progress: &(dyn Fn(u64, u64, &str) + Sync),
 ) -> Result<Learned, LearnError> {
@@ -212,11 +212,11 @@ pub fn learn<S, I: ImplantLearner>(
     }
 }
 
-fn policy<S, I>(
+fn policy<I>(
     kind: Kind,
     layout: &Layout,
     demonstrations: &Demonstrations,
-    config: &Config<S, I>,
+    config: &Config<I>,
     seed: u64,
     progress: &(dyn Fn(u64, u64, &str) + Sync),
 ) -> Result<Learned, LearnError> {

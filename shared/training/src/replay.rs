@@ -1,258 +1,280 @@
-//! The replay buffer: a ring of steps, from which sequences within one episode are drawn.
+//! The replay buffer: whole rounds, the oldest forgotten first, from which sequences within one round are drawn.
 
-use domains::highway::modalities::VISUAL;
-use domains::highway::{BEAMS, LIDAR_RANGE_M, SECTORS};
-use models::utterances::{Said, UtteranceTable};
+use domains::{ActionSpace, Layout};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use std::collections::VecDeque;
 
-/// One step as it was lived.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
-    /// x^visual_t: nearness and ego values.
-    pub visual: [f32; VISUAL],
-    /// What could truly be said of each sector.
-    pub said: [u8; SECTORS],
-    /// Range of each sector's nearest car over 40 m.
-    pub said_range: [f32; SECTORS],
-    /// a_{t−1}; zeros at an episode's first step.
-    pub action: [f32; 2],
-    /// What the expert would do at t.
-    pub expert: [f32; 2],
-    /// r_t.
-    pub reward: f32,
-    /// 1 at an episode's first step.
-    pub first: u8,
-    /// 1 where the episode ended in a state without future (a collision, not the clock).
-    pub terminal: u8,
+/// A round as it was lived: `steps + 1` observations, with what led to each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Episode {
+    /// x^visual, one observation after the other.
+    pub visual: Vec<f32>,
+    /// x^verbal: all that could truly be said.
+    pub verbal: Vec<f32>,
+    /// a_{t−1}, an action after the other; zeros before the first.
+    pub action: Vec<f32>,
+    /// r_t; the first is 0.
+    pub reward: Vec<f32>,
+    /// What the expert would do at each observation, whoever acted; zeros where that is nothing.
+    pub expert: Vec<f32>,
+    /// Whether the last state has no future (and not merely no more time).
+    pub terminal: bool,
 }
 
-impl Step {
-    /// Whether something is going on: a car within 20 m, an expert who brakes or steers, or an end. Most of a drive is
-    /// empty road; what has to be learned happens in a few seconds of it.
-    pub fn is_eventful(&self) -> bool {
-        let beams = &self.visual[..BEAMS];
-        self.terminal == 1
-            || self.expert[0] < -0.2
-            || self.expert[1].abs() > 0.2
-            || beams.iter().any(|nearness| *nearness > 0.5)
+impl Episode {
+    /// Observations.
+    pub fn len(&self) -> usize {
+        self.reward.len()
     }
 
-    fn is_finite(&self) -> bool {
-        let numbers = self.visual.iter().chain(&self.said_range);
-        let mut numbers = numbers.chain(&self.action).chain(&self.expert);
-        numbers.all(|x| x.is_finite()) && self.reward.is_finite()
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.reward.is_empty()
     }
 
-    /// Bytes of a step in a checkpoint.
-    pub const BYTES: usize = 4 * (VISUAL + SECTORS + 2 + 2 + 1) + SECTORS + 2;
-
-    /// The verbal modality's 120 numbers.
-    pub fn write_verbal(&self, table: &UtteranceTable, out: &mut [f32]) {
-        for sector in 0..SECTORS {
-            let said = match self.said[sector] {
-                0 => Said::Nothing,
-                1 => Said::Slow,
-                _ => Said::Fast,
-            };
-            table.encode(sector, said, self.said_range[sector] * LIDAR_RANGE_M, out);
+    /// Forgets everything and keeps the memory.
+    pub fn clear(&mut self) {
+        for numbers in self.numbers_mut() {
+            numbers.clear();
         }
+        self.terminal = false;
     }
 
-    fn write(&self, out: &mut Vec<u8>) {
-        let mut floats = |values: &[f32]| {
-            for value in values {
-                out.extend_from_slice(&value.to_le_bytes());
-            }
-        };
-        floats(&self.visual);
-        floats(&self.said_range);
-        floats(&self.action);
-        floats(&self.expert);
-        floats(&[self.reward]);
-        out.extend_from_slice(&self.said);
-        out.extend_from_slice(&[self.first, self.terminal]);
+    /// x^visual of observation `t`.
+    pub fn visual(&self, t: usize) -> &[f32] {
+        self.part(&self.visual, t)
     }
 
-    fn read(bytes: &[u8]) -> Self {
-        let float = |i: usize| {
-            let at = 4 * i;
-            f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-        };
-        let mut next = 0;
-        let mut take = || {
-            next += 1;
-            float(next - 1)
-        };
-        let visual = core::array::from_fn(|_| take());
-        let said_range = core::array::from_fn(|_| take());
-        let action = core::array::from_fn(|_| take());
-        let expert = core::array::from_fn(|_| take());
-        let reward = take();
-        let tail = &bytes[Self::BYTES - SECTORS - 2..];
-        Self {
-            visual,
-            said: core::array::from_fn(|i| tail[i]),
-            said_range,
-            action,
-            expert,
-            reward,
-            first: tail[SECTORS],
-            terminal: tail[SECTORS + 1],
-        }
+    /// x^verbal of observation `t`.
+    pub fn verbal(&self, t: usize) -> &[f32] {
+        self.part(&self.verbal, t)
+    }
+
+    /// What was done before observation `t`.
+    pub fn action(&self, t: usize) -> &[f32] {
+        self.part(&self.action, t)
+    }
+
+    /// What the expert would do at observation `t`.
+    pub fn expert(&self, t: usize) -> &[f32] {
+        self.part(&self.expert, t)
+    }
+
+    fn part<'a>(&self, numbers: &'a [f32], t: usize) -> &'a [f32] {
+        let width = numbers.len() / self.len().max(1);
+        &numbers[t * width..(t + 1) * width]
+    }
+
+    fn numbers(&self) -> [&Vec<f32>; 5] {
+        [
+            &self.reward,
+            &self.action,
+            &self.expert,
+            &self.visual,
+            &self.verbal,
+        ]
+    }
+
+    fn numbers_mut(&mut self) -> [&mut Vec<f32>; 5] {
+        [
+            &mut self.reward,
+            &mut self.action,
+            &mut self.expert,
+            &mut self.visual,
+            &mut self.verbal,
+        ]
     }
 }
 
-/// A ring of the newest steps.
+/// The newest rounds, up to a number of observations.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    steps: Vec<Step>,
-    eventful: Vec<bool>,
+    episodes: VecDeque<Episode>,
+    /// Observations before each round.
+    before: Vec<usize>,
     capacity: usize,
-    /// Where the next step goes once the ring is full.
-    head: usize,
+    held: usize,
+    /// Numbers of an observation, in the order of [`Episode::numbers`].
+    widths: [usize; 5],
+    actions: ActionSpace,
 }
 
 impl Replay {
-    /// An empty ring of `capacity` steps.
-    pub fn new(capacity: usize) -> Self {
+    /// An empty buffer of `capacity` observations of a domain.
+    pub fn new(capacity: usize, layout: &Layout) -> Self {
+        let actions = layout.actions.rows();
         Self {
-            steps: Vec::new(),
-            eventful: Vec::new(),
+            episodes: VecDeque::new(),
+            before: Vec::new(),
             capacity,
-            head: 0,
+            held: 0,
+            widths: [1, actions, actions, layout.visual, layout.verbal],
+            actions: layout.actions,
         }
     }
 
-    /// Steps held.
-    pub fn len(&self) -> usize {
-        self.steps.len()
+    /// Rounds.
+    pub fn episodes(&self) -> &VecDeque<Episode> {
+        &self.episodes
     }
 
-    /// Whether nothing is held.
-    pub fn is_empty(&self) -> bool {
-        self.steps.is_empty()
+    /// Observations of all rounds.
+    pub fn observations(&self) -> usize {
+        self.held
     }
 
-    /// Adds a step, in the order of time.
-    pub fn push(&mut self, step: Step) {
-        if self.steps.len() < self.capacity {
-            self.eventful.push(step.is_eventful());
-            self.steps.push(step);
-        } else {
-            self.eventful[self.head] = step.is_eventful();
-            self.steps[self.head] = step;
-            self.head = (self.head + 1) % self.capacity;
+    /// Adds a round; a round of fewer than two observations teaches nothing and is left out.
+    pub fn push(&mut self, episode: Episode) {
+        if episode.len() < 2 {
+            return;
         }
-    }
-
-    /// The `i`-th oldest step.
-    pub fn get(&self, i: usize) -> &Step {
-        &self.steps[(self.head + i) % self.steps.len()]
-    }
-
-    /// Whether `length` steps from `start` lie in one episode.
-    pub fn is_sequence(&self, start: usize, length: usize) -> bool {
-        start + length <= self.len() && (1..length).all(|t| self.get(start + t).first == 0)
-    }
-
-    /// A random start of a sequence within one episode; none if there is no such sequence among 10,000 draws.
-    pub fn draw(&self, length: usize, rng: &mut ChaCha8Rng) -> Option<usize> {
-        if self.len() < length {
-            return None;
-        }
-        (0..10_000)
-            .map(|_| rng.random_range(0..=self.len() - length))
-            .find(|&start| self.is_sequence(start, length))
-    }
-
-    /// Like [`Self::draw`], but of a sequence in which something is going on, if 100 draws meet one.
-    pub fn draw_eventful(&self, length: usize, rng: &mut ChaCha8Rng) -> Option<usize> {
-        let n = self.steps.len();
-        let mut start = None;
-        for _ in 0..100 {
-            let drawn = self.draw(length, rng)?;
-            start = Some(drawn);
-            if (0..length).any(|t| self.eventful[(self.head + drawn + t) % n]) {
-                break;
+        self.held += episode.len();
+        self.episodes.push_back(episode);
+        while self.held > self.capacity && self.episodes.len() > 1 {
+            if let Some(oldest) = self.episodes.pop_front() {
+                self.held -= oldest.len();
             }
         }
-        start
+        self.count();
     }
 
-    /// All steps, oldest first.
+    fn count(&mut self) {
+        self.before.clear();
+        let mut before = 0;
+        for episode in &self.episodes {
+            self.before.push(before);
+            before += episode.len();
+        }
+    }
+
+    /// A random sequence of `length` observations within one round, each as likely: the round, and the first observation. None
+    /// if 10,000 draws meet no such sequence.
+    pub fn draw(&self, length: usize, rng: &mut ChaCha8Rng) -> Option<(&Episode, usize)> {
+        let latest = self.held.checked_sub(length)?;
+        (0..10_000).find_map(|_| {
+            let at = rng.random_range(0..=latest);
+            let round = self.before.partition_point(|before| *before <= at) - 1;
+            let (episode, start) = (&self.episodes[round], at - self.before[round]);
+            (start + length <= episode.len()).then_some((episode, start))
+        })
+    }
+
+    /// Everything as bytes, little-endian: per round its length, whether it is terminal, rewards, actions, the expert's actions,
+    /// observations.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut out = Vec::with_capacity(self.len() * Step::BYTES);
-        for i in 0..self.len() {
-            self.get(i).write(&mut out);
+        let mut out = Vec::with_capacity(4 * self.held * self.widths.iter().sum::<usize>());
+        for episode in &self.episodes {
+            out.extend_from_slice(&(episode.len() as u32).to_le_bytes());
+            out.push(u8::from(episode.terminal));
+            for x in episode.numbers().into_iter().flatten() {
+                out.extend_from_slice(&x.to_le_bytes());
+            }
         }
         out
     }
 
-    /// The inverse of [`Self::to_bytes`]; none if the length is no whole number of steps or above the capacity, or one of the
-    /// numbers is not finite.
-    pub fn from_bytes(bytes: &[u8], capacity: usize) -> Option<Self> {
-        if !bytes.len().is_multiple_of(Step::BYTES) || bytes.len() / Step::BYTES > capacity {
-            return None;
+    /// Takes the rounds in `bytes`, as [`Replay::to_bytes`] wrote them; none if they are something else, or rounds that could not
+    /// have been lived: actions that there are not, numbers that are not finite.
+    pub fn read_bytes(&mut self, bytes: &[u8]) -> Option<()> {
+        self.episodes.clear();
+        self.held = 0;
+        let mut rest = bytes;
+        let mut take = |n: usize| -> Option<&[u8]> {
+            let (taken, left) = rest.split_at_checked(n)?;
+            rest = left;
+            Some(taken)
+        };
+        while let Some(head) = take(5) {
+            let length = u32::from_le_bytes([head[0], head[1], head[2], head[3]]) as usize;
+            if length < 2 || length > bytes.len() {
+                return None;
+            }
+            let mut episode = Episode {
+                terminal: head[4] == 1,
+                ..Episode::default()
+            };
+            for (numbers, width) in episode.numbers_mut().into_iter().zip(self.widths) {
+                let (read, _) = take(4 * length * width)?.as_chunks::<4>();
+                numbers.extend(read.iter().map(|n| f32::from_le_bytes(*n)));
+            }
+            if !is_possible(&episode, self.actions) {
+                return None;
+            }
+            self.held += length;
+            self.episodes.push_back(episode);
         }
-        let steps: Vec<Step> = bytes.chunks_exact(Step::BYTES).map(Step::read).collect();
-        if !steps.iter().all(Step::is_finite) {
-            return None;
-        }
-        Some(Self {
-            eventful: steps.iter().map(Step::is_eventful).collect(),
-            steps,
-            capacity,
-            head: 0,
-        })
+        self.count();
+        rest.is_empty().then_some(())
     }
+}
+
+fn is_possible(episode: &Episode, actions: ActionSpace) -> bool {
+    let mut numbers = episode.numbers().into_iter().flatten();
+    if !numbers.all(|x| x.is_finite()) {
+        return false;
+    }
+    let ActionSpace::Discrete(n) = actions else {
+        return true;
+    };
+    let ones = |action: &[f32]| action.iter().filter(|x| **x == 1.0).count();
+    let zeros = |action: &[f32]| action.iter().filter(|x| **x == 0.0).count();
+    let is_choice = |action: &[f32]| ones(action) == 1 && zeros(action) == n - 1;
+    let is_none = |action: &[f32]| zeros(action) == n;
+    is_none(episode.action(0))
+        && (1..episode.len()).all(|t| is_choice(episode.action(t)))
+        && (0..episode.len()).all(|t| is_choice(episode.expert(t)) || is_none(episode.expert(t)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use domains::highway::modalities::layout;
     use rand::SeedableRng;
 
-    fn step(n: f32, first: u8) -> Step {
-        Step {
-            visual: core::array::from_fn(|i| n + i as f32),
-            said: [0, 1, 2, 0, 1, 2],
-            said_range: [0.5; SECTORS],
-            action: [n, -n],
-            expert: [0.1, 0.2],
-            reward: n,
-            first,
-            terminal: 1 - first,
+    fn episode(length: usize, first: f32) -> Episode {
+        let numbers = |width: usize| (0..length * width).map(|i| first + i as f32).collect();
+        let layout = layout();
+        Episode {
+            visual: numbers(layout.visual),
+            verbal: numbers(layout.verbal),
+            action: numbers(2),
+            reward: numbers(1),
+            expert: numbers(2),
+            terminal: length % 2 == 0,
         }
     }
 
     #[test]
-    fn bytes_round_trip_in_order() {
-        let mut replay = Replay::new(5);
-        for n in 0..8 {
-            replay.push(step(n as f32, u8::from(n % 3 == 0)));
+    fn the_newest_rounds_are_held_and_survive_the_trip() {
+        let mut replay = Replay::new(12, &layout());
+        for n in 0..5 {
+            replay.push(episode(4, n as f32));
         }
-        let back = Replay::from_bytes(&replay.to_bytes(), 5).expect("same bytes");
-        assert_eq!(back.len(), 5);
-        for i in 0..5 {
-            assert_eq!(back.get(i), replay.get(i));
-            assert_eq!(back.get(i).reward, (i + 3) as f32);
-        }
-        assert!(Replay::from_bytes(&[0; Step::BYTES + 1], 5).is_none());
+        assert_eq!((replay.episodes().len(), replay.observations()), (3, 12));
+        assert_eq!(replay.episodes()[0], episode(4, 2.0));
+        let bytes = replay.to_bytes();
+        let mut back = Replay::new(12, &layout());
+        assert_eq!(back.read_bytes(&bytes), Some(()));
+        assert_eq!(back.episodes(), replay.episodes());
+        assert_eq!(back.read_bytes(&bytes[1..]), None);
+        assert_eq!(back.read_bytes(&bytes[..bytes.len() - 1]), None);
     }
 
     #[test]
-    fn sequences_stay_in_one_episode() {
-        let mut replay = Replay::new(100);
-        for n in 0..100 {
-            replay.push(step(n as f32, u8::from(n % 7 == 0)));
+    fn sequences_stay_in_one_round_and_start_anywhere_in_it() {
+        let mut replay = Replay::new(100, &layout());
+        for n in 0..4 {
+            replay.push(episode(7, 100.0 * n as f32));
         }
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        for _ in 0..200 {
-            let start = replay.draw(4, &mut rng).expect("there are sequences");
-            let episode = |i: usize| (replay.get(i).reward as usize) / 7;
-            assert_eq!(episode(start), episode(start + 3));
+        let mut starts = [0; 7];
+        for _ in 0..400 {
+            let (episode, start) = replay.draw(4, &mut rng).expect("there are sequences");
+            assert!(start + 4 <= episode.len());
+            starts[start] += 1;
         }
+        assert!(starts[..4].iter().all(|n| *n > 60), "{starts:?}");
         assert!(replay.draw(8, &mut rng).is_none());
     }
 }

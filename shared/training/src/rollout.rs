@@ -1,196 +1,275 @@
-//! Episodes on the highway for learning: what the robot lives through, with what the expert would do beside it.
+//! Rounds for learning the self-model, and for measuring what was learned: what the robot lives through, with what the expert
+//! would do beside it.
 
-use crate::replay::Step;
-use domains::Mask;
-use domains::highway::modalities::{VERBAL, VISUAL, write_visual};
-use domains::highway::{AZIMUTHS, Expert, LIDAR_RANGE_M, Observation, Scene, World, speech};
+use crate::batches::limits_m;
+use crate::environment::Environment;
+use crate::replay::Episode;
+use domains::discrete::End;
+use domains::highway::modalities;
+use domains::{ActionSpace, Layout, Mask, bomb_defusal};
+use models::policy::largest;
 use models::{ActionDistribution, Filter, Scratch, SelfModel};
 use nn::{Tensor, noise};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-/// Who acts in an episode.
+/// Who acts in a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Actor {
-    /// The expert.
-    Expert,
-    /// The policy, sampled, with this probability of a random action instead.
+    /// The domain's expert, who knows the state.
+    Expert {
+        /// Probability, in a gridworld, of doing anything at all instead.
+        slips: f32,
+    },
+    /// The policy, sampled on the highway and greedy in a gridworld, with this probability of a random action instead.
     Policy {
         /// ε.
         explore: f32,
-        /// Whether it sees only up to thresholds drawn for the episode, as people in fog do.
+        /// Whether it sees only as a person with limits drawn for the round would, and hears nothing.
         limited: bool,
     },
-    /// The policy's mode, for evaluation.
+    /// The policy's mode.
     Mode,
 }
 
-/// How an episode went.
+/// How a round went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Summary {
+pub struct EpisodeSummary {
     /// Steps.
     pub steps: usize,
     /// Sum of rewards.
     pub reward: f32,
-    /// Whether the car touched something.
-    pub collided: bool,
+    /// How it ended.
+    pub end: End,
 }
 
-/// How often the expert is pushed aside, for how many steps, and how hard at most (steer).
+/// A world with everything that an actor needs, reused over rounds.
+pub struct Rollout {
+    environment: Box<dyn Environment>,
+    layout: Arc<Layout>,
+    policy: PolicyActor,
+    /// The highway's expert is pushed aside: for so many steps more, and how hard.
+    push: (u32, f32),
+    expert: Vec<f32>,
+    episode: Episode,
+}
+
+/// The policy, and what it perceives and believes.
+struct PolicyActor {
+    limits: Vec<f32>,
+    chance: Vec<f32>,
+    filter: Filter,
+    observed: Tensor,
+    /// a_{t−1}.
+    previous: Tensor,
+    distribution: ActionDistribution,
+    noise: Vec<f32>,
+    q: Tensor,
+    scratch: Scratch,
+}
+
+/// How often the highway's expert is pushed aside, for how many steps, and how hard at most (steer).
 const PUSH_PROBABILITY: f32 = 0.04;
 const PUSH_STEPS: u32 = 4;
 const PUSH: f32 = 0.6;
 
-/// A world with everything an actor needs, reused over episodes.
-pub struct Rollout {
-    world: World,
-    expert: Expert,
-    observation: Observation,
-    observed: Tensor,
-    scratch: Scratch,
-    filter: Filter,
-    distribution: ActionDistribution,
-    previous: Tensor,
-    noise: Vec<f32>,
-}
-
 impl Rollout {
-    /// A rollout in `scene`.
-    ///
-    /// # Errors
-    /// If the scene's road cannot be built.
-    pub fn new(
-        scene: Arc<Scene>,
-        model: &SelfModel,
-    ) -> Result<Self, domains::highway::road::RoadError> {
-        let world = World::new(scene)?;
-        let shape = model.sizes.shape;
-        Ok(Self {
-            expert: Expert::new(&world),
-            world,
-            observation: Observation::default(),
-            observed: Tensor::new(model.view.rows(), 1),
-            scratch: Scratch::default(),
-            filter: Filter::new(model.sizes.latent, 1),
-            distribution: ActionDistribution::new(model.layout.actions, 1),
-            previous: Tensor::new(shape.action, 1),
-            noise: vec![0.0; shape.action],
-        })
+    /// A rollout in `environment`.
+    pub fn new(environment: Box<dyn Environment>, model: &SelfModel) -> Self {
+        let layout = Arc::clone(environment.layout());
+        let (perception, actions) = (layout.perception, layout.actions.rows());
+        Self {
+            policy: PolicyActor {
+                limits: vec![0.0; perception.limits()],
+                chance: vec![0.0; perception.noise_rows()],
+                filter: Filter::new(model.sizes.latent, 1),
+                observed: Tensor::new(model.view.rows(), 1),
+                previous: Tensor::new(actions, 1),
+                distribution: ActionDistribution::new(layout.actions, 1),
+                noise: vec![0.0; actions],
+                q: Tensor::default(),
+                scratch: Scratch::default(),
+            },
+            push: (0, 0.0),
+            expert: vec![0.0; actions],
+            episode: Episode::default(),
+            environment,
+            layout,
+        }
     }
 
-    /// Lives through one episode and hands every step to `keep`.
+    /// Lives round `episode` of `seed` and gives it back. Scenarios take turns.
     pub fn episode(
         &mut self,
         model: &SelfModel,
         actor: Actor,
         seed: u64,
         episode: u32,
-        mut keep: impl FnMut(Step),
-    ) -> Summary {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (u64::from(episode) << 32) ^ 0x726f_6c6c);
-        self.world.reset(seed, episode);
-        self.expert.reset(&self.world);
-        self.filter.reset();
-        self.previous.fill(0.0);
-        let thresholds_m = match actor {
-            Actor::Policy { limited: true, .. } => crate::batches::limits_m(&mut rng),
-            _ => [f32::INFINITY; AZIMUTHS],
-        };
-        let mut summary = Summary::default();
-        let (mut reward, mut terminal, mut done) = (0.0, false, false);
-        let mut push = (0_u32, 0.0_f32);
+    ) -> (EpisodeSummary, &Episode) {
+        let mut rng = self.begin(actor, seed, episode);
+        let (visual, verbal) = (self.layout.visual, self.layout.verbal);
+        let mut lived = EpisodeSummary::default();
+        let mut reward = 0.0;
         loop {
-            self.world.observe(&mut self.observation);
-            let mut step = step_of(&self.observation);
-            step.expert = self.expert.act(&self.world);
-            step.action = [self.previous.data()[0], self.previous.data()[1]];
-            step.reward = reward;
-            step.first = u8::from(summary.steps == 0);
-            step.terminal = u8::from(terminal);
-            keep(step);
-            if done {
-                return summary;
+            let (seen, said) = (self.episode.visual.len(), self.episode.verbal.len());
+            self.episode.visual.resize(seen + visual, 0.0);
+            self.episode.verbal.resize(said + verbal, 0.0);
+            self.environment.observe(
+                &mut self.episode.visual[seen..],
+                &mut self.episode.verbal[said..],
+            );
+            let previous = self.policy.previous.column(0);
+            self.episode.action.extend_from_slice(previous);
+            self.episode.reward.push(reward);
+            self.environment.expert(&mut self.expert);
+            self.episode.expert.extend_from_slice(&self.expert);
+            lived.end = self.environment.end();
+            if !lived.end.is_running() {
+                break;
             }
-            let action = match actor {
-                Actor::Expert => {
-                    // Pushed aside now and then, so that the way back is learned too.
-                    if rng.random::<f32>() < PUSH_PROBABILITY {
-                        push = (PUSH_STEPS, rng.random_range(-PUSH..PUSH));
-                    }
-                    let aside = if push.0 > 0 { push.1 } else { 0.0 };
-                    push.0 = push.0.saturating_sub(1);
-                    let [throttle, steer] = step.expert;
-                    let noise = 0.2 * (rng.random::<f32>() - 0.5);
-                    [
-                        (throttle + noise).clamp(-1.0, 1.0),
-                        (steer + aside).clamp(-1.0, 1.0),
-                    ]
-                }
-                Actor::Policy { explore, .. } if rng.random::<f32>() < explore => {
-                    [rng.random_range(-1.0..1.0), rng.random_range(-0.3..0.3)]
-                }
-                _ => self.act(model, &step, &thresholds_m, actor, &mut rng),
+            let at = [seen, said];
+            let action = match self.layout.actions {
+                ActionSpace::Continuous(_) => self.drive(model, actor, at, &mut rng),
+                ActionSpace::Discrete(n) => self.play(model, actor, at, n, &mut rng),
             };
-            self.previous.data_mut().copy_from_slice(&action);
-            let outcome = self.world.step(action);
-            reward = outcome.reward;
-            summary.reward += reward;
-            summary.steps += 1;
-            summary.collided |= outcome.collided;
-            terminal = outcome.collided;
-            done = outcome.end != domains::highway::End::Running;
+            self.policy.previous.data_mut().copy_from_slice(&action);
+            reward = self.environment.step(&action);
+            lived.steps += 1;
+            lived.reward += reward;
         }
+        self.episode.terminal = is_terminal(self.layout.domain, lived.end);
+        (lived, &self.episode)
     }
 
-    /// The policy's action after filtering what is seen within `thresholds_m`.
-    fn act(
+    /// Starts a round, and draws what limits the sight of whoever is limited.
+    fn begin(&mut self, actor: Actor, seed: u64, episode: u32) -> ChaCha8Rng {
+        self.environment.reset(seed, episode, episode);
+        self.policy.filter.reset();
+        self.policy.previous.fill(0.0);
+        self.episode.clear();
+        self.push = (0, 0.0);
+        let limited = matches!(actor, Actor::Policy { limited: true, .. });
+        let limits = &mut self.policy.limits;
+        if self.layout.domain == modalities::NAME {
+            let seed = seed ^ (u64::from(episode) << 32) ^ 0x726f_6c6c;
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            limits.fill(f32::INFINITY);
+            if limited {
+                limits.copy_from_slice(&limits_m(&mut rng));
+            }
+            return rng;
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream((1 << 40) + u64::from(episode));
+        let share: f32 = rng.random_range(0.0..1.0);
+        limits.fill(share * self.layout.perception.largest());
+        rng
+    }
+
+    /// An action on the highway. The policy hears nothing.
+    fn drive(
         &mut self,
         model: &SelfModel,
-        step: &Step,
-        thresholds_m: &[f32; AZIMUTHS],
         actor: Actor,
+        [seen, said]: [usize; 2],
         rng: &mut ChaCha8Rng,
-    ) -> [f32; 2] {
+    ) -> Vec<f32> {
+        match actor {
+            Actor::Expert { .. } => {
+                // Pushed aside now and then, so that the way back is learned too.
+                if rng.random::<f32>() < PUSH_PROBABILITY {
+                    self.push = (PUSH_STEPS, rng.random_range(-PUSH..PUSH));
+                }
+                let aside = if self.push.0 > 0 { self.push.1 } else { 0.0 };
+                self.push.0 = self.push.0.saturating_sub(1);
+                let noise = 0.2 * (rng.random::<f32>() - 0.5);
+                let (throttle, steer) = (self.expert[0] + noise, self.expert[1] + aside);
+                return [throttle, steer].map(|x| x.clamp(-1.0, 1.0)).to_vec();
+            }
+            Actor::Policy { explore, .. } if rng.random::<f32>() < explore => {
+                return vec![rng.random_range(-1.0..1.0), rng.random_range(-0.3..0.3)];
+            }
+            Actor::Policy { .. } | Actor::Mode => {}
+        }
+        let (policy, visual) = (&mut self.policy, &self.episode.visual[seen..]);
         let mask = Mask {
-            visual: model
-                .layout
-                .perception
-                .seen(thresholds_m, &step.visual, None),
+            visual: self.layout.perception.seen(&policy.limits, visual, None),
             verbal: 0,
         };
-        let unheard = [0.0; VERBAL];
-        let observed = self.observed.column_mut(0);
-        model.view.write(&step.visual, &unheard, mask, observed);
-        self.filter.update(model, &self.previous, &self.observed);
-        let (z, out) = (&self.filter.mean, &mut self.distribution);
-        model.act(&mut self.scratch, z, out);
-        let sampled = match actor {
-            Actor::Mode => None,
-            _ => {
-                noise::fill(&mut self.noise, rng.random(), 0);
-                Some(self.noise.as_slice())
+        policy.believe(model, visual, &self.episode.verbal[said..], mask);
+        let z = &policy.filter.mean;
+        model.act(&mut policy.scratch, z, &mut policy.distribution);
+        let sampled = (actor != Actor::Mode).then(|| {
+            noise::fill(&mut policy.noise, rng.random(), 0);
+            policy.noise.as_slice()
+        });
+        let mut action = Tensor::default();
+        policy.distribution.sample(sampled, &mut action);
+        action.data().to_vec()
+    }
+
+    /// A choice in a gridworld, of `n`.
+    fn play(
+        &mut self,
+        model: &SelfModel,
+        actor: Actor,
+        [seen, said]: [usize; 2],
+        n: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Vec<f32> {
+        let (explore, limited) = match actor {
+            Actor::Expert { slips } if slips > 0.0 && rng.random::<f32>() < slips => {
+                return chosen(rng.random_range(0..n), n);
             }
+            Actor::Expert { .. } => return self.expert.clone(),
+            Actor::Policy { explore, limited } => (explore, limited),
+            Actor::Mode => (0.0, false),
         };
-        let mut action = Tensor::new(2, 1);
-        self.distribution.sample(sampled, &mut action);
-        [action.data()[0], action.data()[1]]
+        let (policy, visual) = (&mut self.policy, &self.episode.visual[seen..]);
+        let mask = if limited {
+            noise::fill(&mut policy.chance, rng.random(), 0);
+            let chance = (!policy.chance.is_empty()).then_some(&policy.chance[..]);
+            Mask {
+                visual: self.layout.perception.seen(&policy.limits, visual, chance),
+                verbal: 0,
+            }
+        } else {
+            self.layout.everything()
+        };
+        policy.believe(model, visual, &self.episode.verbal[said..], mask);
+        model.q_values(&mut policy.scratch, &policy.filter.mean, &mut policy.q);
+        if rng.random::<f32>() < explore {
+            return chosen(rng.random_range(0..n), n);
+        }
+        chosen(largest(policy.q.column(0)), n)
     }
 }
 
-/// What can be learned from one observation: the modalities, before anything was done.
-pub fn step_of(observation: &Observation) -> Step {
-    let mut visual = [0.0; VISUAL];
-    write_visual(&observation.range, &observation.ego, &mut visual);
-    let heard = speech::utterances(observation);
-    Step {
-        visual,
-        said: heard.map(|h| h.kind as u8),
-        said_range: heard.map(|h| (h.range_m / LIDAR_RANGE_M).clamp(0.0, 1.0)),
-        action: [0.0; 2],
-        expert: [0.0; 2],
-        reward: 0.0,
-        first: 0,
-        terminal: 0,
+impl PolicyActor {
+    /// Follows the world through a mask.
+    fn believe(&mut self, model: &SelfModel, visual: &[f32], verbal: &[f32], mask: Mask) {
+        let observed = self.observed.column_mut(0);
+        model.view.write(visual, verbal, mask, observed);
+        self.filter.update(model, &self.previous, &self.observed);
+    }
+}
+
+/// A choice as a column.
+fn chosen(choice: usize, n: usize) -> Vec<f32> {
+    let mut action = vec![0.0; n];
+    action[choice] = 1.0;
+    action
+}
+
+/// Whether a state has no future. A searcher's time cannot be seen coming and merely stops the round; a bomb's clock is part of
+/// what is seen. The end of a gridworld's road comes unseen too, but after so few steps that values without it, which nothing
+/// would hold down, grow beyond what can be earned; the highway goes on.
+fn is_terminal(domain: &str, end: End) -> bool {
+    match end {
+        End::Running => false,
+        End::Collision => true,
+        End::Success => domain != modalities::NAME,
+        End::OutOfTime => domain == bomb_defusal::NAME,
     }
 }

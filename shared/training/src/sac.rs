@@ -9,10 +9,16 @@
 //! Q'_i  ← (1 − τ) Q'_i + τ Q_i
 //! ```
 
+use crate::batches::Shard;
+use crate::config::Checked;
+use crate::self_model::{Losses, Schedule};
 use domains::ActionSpace;
 use models::policy::unsquash;
+use models::self_model::ElboTerms;
 use models::{ActionDistribution, Scratch, SelfModel};
-use nn::{Mlp, ParamId, Parameters, Tape, Tensor, Var};
+use nn::{Arena, Gradients, Mlp, ParamId, Parameters, Tape, Tensor, Var, noise};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 /// Settings.
@@ -27,16 +33,157 @@ pub struct SacSettings {
     pub initial_temperature: f32,
     /// Entropy that α aims at: −|A|.
     pub entropy_target: f32,
+    /// The actor's share β of imitation falls no lower than this, while the expert's share of the driving goes on falling. With
+    /// the paper's schedule alone, the few hundred rounds that a training of minutes has end with a policy that keeps its lane
+    /// but has not yet found that changing it pays.
+    pub imitation_floor: f32,
+    /// s: deviation of the expert's action, before tanh, in the imitation term. Fixed: with the policy's own deviation, a
+    /// likelihood that sharpens on the many moments of cruising explodes on the few in which the expert taps the brake.
+    pub imitation_deviation: f32,
 }
 
-impl SacSettings {
-    /// Whether these make sense.
-    pub(crate) fn is_sound(&self) -> bool {
-        let shares = [self.discount, self.target_rate];
-        shares.iter().all(|x| (0.0..=1.0).contains(x))
-            && self.initial_temperature > 0.0
-            && self.initial_temperature.is_finite()
+impl Checked for SacSettings {
+    fn problem(&self) -> Option<String> {
+        let shares = [self.discount, self.target_rate, self.imitation_floor];
+        let positive = [self.initial_temperature, self.imitation_deviation];
+        (!shares.iter().all(|x| (0.0..=1.0).contains(x))
+            || !positive.iter().all(|x| x.is_finite() && *x > 0.0))
+        .then(|| {
+            "sac: discount, target_rate and imitation_floor lie in [0, 1], initial_temperature and imitation_deviation are \
+             positive"
+                .to_owned()
+        })
     }
+}
+
+/// Target critics and temperature of a run, and what moves them.
+pub(crate) struct Sac {
+    settings: SacSettings,
+    pub targets: TargetCritics,
+    /// log α, and Adam's moments of it: first, second, steps.
+    pub temperature: [f32; 4],
+    /// World model, critics, actor.
+    pub parts: Vec<Vec<ParamId>>,
+}
+
+/// One shard's memory.
+pub(crate) struct SacScratch {
+    transitions: Transitions,
+    targets: TargetScratch,
+}
+
+impl SacScratch {
+    pub fn new(model: &SelfModel, shard: &Shard) -> Self {
+        let batch = shard.batch.columns * (shard.batch.steps - 1);
+        let actions = model.sizes.shape.action;
+        Self {
+            transitions: Transitions::new(model.sizes.latent, actions, batch),
+            targets: TargetScratch::new(actions, batch),
+        }
+    }
+
+    /// Draws the noise of a gradient step.
+    pub fn draw(&mut self, rng: &mut ChaCha8Rng) {
+        let Transitions {
+            noise, next_noise, ..
+        } = &mut self.transitions;
+        noise::fill(noise.data_mut(), rng.random(), 0);
+        noise::fill(next_noise.data_mut(), rng.random(), 0);
+    }
+}
+
+impl Sac {
+    pub fn new(model: &SelfModel, settings: SacSettings) -> Self {
+        let ids = |prefix: &str| model.parameters.ids_with_prefix(prefix);
+        let (critics, actor) = (ids("critic"), ids("policy"));
+        let world = model.parameters.ids();
+        let world = world.filter(|id| !critics.contains(id) && !actor.contains(id));
+        Self {
+            targets: TargetCritics::new(&model.parameters, model.policy.actor_critic().1),
+            temperature: [settings.initial_temperature.ln(), 0.0, 0.0, 0.0],
+            parts: vec![world.collect(), critics, actor],
+            settings,
+        }
+    }
+
+    /// α.
+    pub fn temperature(&self) -> f32 {
+        self.temperature[0].exp()
+    }
+
+    /// Losses and gradients of one shard.
+    pub fn step(
+        &self,
+        model: &SelfModel,
+        shard: &Shard,
+        schedule: Schedule,
+        scratch: &mut SacScratch,
+        arena: &mut Arena,
+        gradients: &mut Gradients,
+    ) -> Losses {
+        let SacScratch {
+            transitions,
+            targets,
+        } = scratch;
+        let [world, critics, actor] = [0, 1, 2].map(|part| &self.parts[part]);
+        let temperature = self.temperature();
+        let mut losses = Losses::default();
+        {
+            let mut tape = Tape::new(&model.parameters, arena);
+            let elbo = model.negative_elbo(&mut tape, &shard.batch);
+            losses.loss = tape.scalar(elbo.loss);
+            losses.reconstruction = tape.scalar(elbo.reconstruction);
+            losses.reward = tape.scalar(elbo.reward);
+            losses.divergence = tape.scalar(elbo.divergence);
+            transitions.collect(tape.value(elbo.z), shard);
+            let total = lighter(&mut tape, &elbo, schedule.divergence);
+            tape.backward(total, gradients, &|id| world.contains(&id));
+        }
+        targets.compute(
+            model,
+            &self.targets,
+            transitions,
+            temperature,
+            self.settings,
+        );
+        {
+            let mut tape = Tape::new(&model.parameters, arena);
+            let loss = critic_loss(&mut tape, model, transitions, &targets.y);
+            losses.value = tape.scalar(loss);
+            tape.backward(loss, gradients, &|id| critics.contains(&id));
+        }
+        let imitation = schedule.expert.max(self.settings.imitation_floor);
+        let deviation = self.settings.imitation_deviation;
+        let weights = [1.0 - imitation, 0.5 * imitation / (deviation * deviation)];
+        let mut tape = Tape::new(&model.parameters, arena);
+        let (loss, log_density) = actor_loss(&mut tape, model, transitions, temperature, weights);
+        losses.policy = tape.scalar(loss);
+        losses.log_density = tape.scalar(log_density);
+        tape.backward(loss, gradients, &|id| actor.contains(&id));
+        losses
+    }
+
+    /// Moves the targets, and α by a step of Adam on log α, a single number.
+    pub fn follow(&mut self, online: &Parameters, log_density: f32, learning_rate: f32) {
+        self.targets.follow(online, self.settings.target_rate);
+        let gradient = temperature_gradient(self.temperature(), log_density, self.settings);
+        let [log, first, second, steps] = &mut self.temperature;
+        *steps += 1.0;
+        *first = 0.9 * *first + 0.1 * gradient;
+        *second = 0.999 * *second + 0.001 * gradient * gradient;
+        let mean = *first / (1.0 - 0.9_f32.powf(*steps));
+        let square = *second / (1.0 - 0.999_f32.powf(*steps));
+        *log -= learning_rate * mean / (square.sqrt() + 1e-8);
+        // Imitation narrows the policy below the entropy that α aims at. Left alone, α would grow until entropy outweighed
+        // everything else; so it may only fall.
+        *log = log.min(self.settings.initial_temperature.ln());
+    }
+}
+
+/// −ELBO with another weight of its divergence.
+pub(crate) fn lighter(tape: &mut Tape, elbo: &ElboTerms, divergence: f32) -> Var {
+    let less = tape.scale(elbo.divergence, divergence - 1.0);
+    tape.add(elbo.loss, less)
 }
 
 /// One shard's transitions in latent space; all `rows × batch`.
@@ -73,6 +220,27 @@ impl Transitions {
             noise: Tensor::new(actions, batch),
             next_noise: Tensor::new(actions, batch),
         }
+    }
+}
+
+impl Transitions {
+    /// Gathers (z_t, a_t, r_{t+1}, z_{t+1}) of all steps of a shard, side by side. `z`: `latent × (steps · columns)`.
+    fn collect(&mut self, z: &[f32], shard: &Shard) {
+        let (batch, columns) = (&shard.batch, shard.batch.columns);
+        let earlier = |to: &mut Tensor, from: &[f32]| {
+            let n = to.data().len();
+            to.data_mut().copy_from_slice(&from[..n]);
+        };
+        let later = |to: &mut Tensor, from: &[f32]| {
+            let first = to.rows() * columns;
+            to.data_mut().copy_from_slice(&from[first..]);
+        };
+        earlier(&mut self.z, z);
+        later(&mut self.next, z);
+        later(&mut self.action, batch.action.data());
+        later(&mut self.reward, batch.reward.data());
+        earlier(&mut self.expert, shard.expert.data());
+        later(&mut self.terminal, shard.terminal.data());
     }
 }
 

@@ -15,7 +15,8 @@
 use crate::cloning::mean_nll;
 use crate::config::{self, Checked};
 use crate::environment::{Environment, is_whole};
-use crate::rounds::{Round, words};
+use crate::record::words;
+use crate::rounds::Round;
 use crate::sac::{SoftValues, TargetCritics, soft_policy_terms};
 use crate::trajectory::{Sequences, Trajectory};
 use domains::{ActionSpace, Layout};
@@ -50,7 +51,7 @@ pub struct SqilSettings {
     pub window: usize,
     /// Steps of it that only build up h.
     pub burn_in: usize,
-    /// Lived rounds that are remembered.
+    /// EpisodeSummary rounds that are remembered.
     pub remembered: usize,
     /// Reward for what the person did.
     pub reward: f32,

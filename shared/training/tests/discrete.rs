@@ -8,10 +8,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use training::cloning::{self, CloningSettings};
-use training::discrete::{Settings, Trainer};
-use training::environment::Gridworld;
+use training::environment::{Environment, Gridworld};
 use training::implants_discrete as implants;
 use training::rounds::Rounds;
+use training::self_model::{SelfModelSettings, Trainer};
 use training::sqil::{self, Place, SqilSettings};
 use training::trajectory::Trajectory;
 
@@ -35,7 +35,7 @@ fn rounds(domain: Domain, setting: Setting, count: u32) -> (Rounds, SimulatedPer
 }
 
 fn trainer(domain: Domain) -> Trainer {
-    let settings = Settings {
+    let settings = SelfModelSettings {
         seed: 5,
         phases: 4,
         rounds: 3,
@@ -44,9 +44,13 @@ fn trainer(domain: Domain) -> Trainer {
         length: 5,
         // Expert's and policy's rounds, both sights, and every phase's weights are to be in it.
         expert: 0.3,
-        ..Settings::of(domain.name())
+        ..SelfModelSettings::of(domain.name())
     };
-    Trainer::new(world(domain, Setting::Original), settings)
+    Trainer::new(environment(domain), settings)
+}
+
+fn environment(domain: Domain) -> Box<dyn Environment> {
+    Box::new(Gridworld::from(world(domain, Setting::Original)))
 }
 
 fn bits(parameters: &Parameters) -> Vec<u32> {
@@ -77,7 +81,7 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
         first.phase();
         first.save(&path, "test").unwrap();
         drop(first);
-        let mut second = Trainer::resume(&path, world(domain, Setting::Original)).unwrap();
+        let mut second = Trainer::resume(&path, environment(domain)).unwrap();
         assert_eq!(second.phase, 2);
         second.phase();
         second.phase();
@@ -96,9 +100,7 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
         // What was cut short is an error that names the file.
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 7]).unwrap();
-        let error = Trainer::resume(&path, world(domain, Setting::Original))
-            .err()
-            .unwrap();
+        let error = Trainer::resume(&path, environment(domain)).err().unwrap();
         assert!(error.to_string().contains("run.safetensors"), "{error}");
         // A round in which something impossible was done: learning from it would look for that action's place.
         second.save(&path, "test").unwrap();
@@ -106,12 +108,13 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
         let checkpoint = nn::checkpoint::load(&path).unwrap();
         let replay = checkpoint.u8s("replay").unwrap();
         let start = bytes.windows(replay.len()).position(|part| part == replay);
-        // After the round's length, its end and the first observation's missing action.
-        bytes[start.unwrap() + 6] = second.model.layout.actions.rows() as u8;
+        // After the round's length, its end and its rewards: the first observation's missing action.
+        let start = start.unwrap();
+        let length = u32::from_le_bytes(bytes[start..start + 4].try_into().unwrap()) as usize;
+        let at = start + 5 + 4 * length;
+        bytes[at..at + 4].copy_from_slice(&1.0_f32.to_le_bytes());
         std::fs::write(&path, &bytes).unwrap();
-        let error = Trainer::resume(&path, world(domain, Setting::Original))
-            .err()
-            .unwrap();
+        let error = Trainer::resume(&path, environment(domain)).err().unwrap();
         assert!(
             error
                 .to_string()

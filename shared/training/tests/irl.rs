@@ -4,7 +4,7 @@ use domains::discrete::{Discrete, Scene, Words, World};
 use domains::driving::{FEATURES, VERBAL, VISUAL};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use training::irl::{IrlError, Lattice, Settings, driving_lattice, learn};
+use training::irl::{IrlError, IrlSettings, Lattice, driving_lattice, learn};
 
 const TRUE: [f64; FEATURES] = [0.6, -5.0, -4.0, -6.0, -3.0, -1.2];
 
@@ -42,10 +42,10 @@ fn played(rounds: u32, discount: f64) -> Vec<Lattice> {
 #[test]
 fn known_weights_come_back() {
     for discount in [1.0, 0.9] {
-        let settings = Settings {
+        let settings = IrlSettings {
             prior: 1e-3,
             discount,
-            ..Settings::default()
+            ..IrlSettings::default()
         };
         let rounds = played(1000, discount);
         let learned = learn(&rounds, &settings).unwrap();
@@ -68,9 +68,9 @@ fn known_weights_come_back() {
 #[test]
 fn the_learned_weights_are_the_likeliest() {
     let rounds = played(200, 1.0);
-    let settings = Settings {
+    let settings = IrlSettings {
         prior: 0.0,
-        ..Settings::default()
+        ..IrlSettings::default()
     };
     let learned = learn(&rounds, &settings).unwrap();
     let log_likelihood = |weights: &[f64]| -> f64 {
@@ -110,7 +110,7 @@ fn a_policy_is_a_distribution() {
 
 #[test]
 fn bad_recordings_are_refused() {
-    let settings = Settings::default();
+    let settings = IrlSettings::default();
     assert_eq!(learn(&[], &settings), Err(IrlError::Empty));
     let good = played(2, 1.0);
     let mut bad = good.clone();

@@ -4,26 +4,28 @@ use domains::highway::{Person, Scene};
 use models::{Implants, Kind};
 use nn::Parameters;
 use std::sync::Arc;
-use training::self_model::{Settings, Trainer};
+use training::environment::{Environment, Highway};
+use training::self_model::{SelfModelSettings, Trainer};
 
 fn trainer() -> Trainer {
-    let settings = Settings {
+    let settings = SelfModelSettings {
         seed: 5,
-        episodes: 3,
+        phases: 3,
         gradient_steps: 2,
         sequences: 4,
         length: 3,
-        ..Settings::default()
+        ..SelfModelSettings::of("highway")
     };
-    Trainer::new(scene(), table(), settings).unwrap()
+    Trainer::new(environment(), settings)
 }
 
 fn scene() -> Arc<Scene> {
     Arc::new(Scene::builtin("highway-clear").unwrap())
 }
 
-fn table() -> models::utterances::UtteranceTable {
-    models::utterances::UtteranceTable::shipped().unwrap()
+fn environment() -> Box<dyn Environment> {
+    let table = models::utterances::UtteranceTable::shipped().unwrap();
+    Box::new(Highway::new(scene(), table).unwrap())
 }
 
 fn bits(parameters: &Parameters) -> Vec<u32> {
@@ -40,16 +42,16 @@ fn resumed_is_the_same_as_never_stopped() {
     let mut whole = trainer();
     let start = bits(&whole.model.parameters);
     for _ in 0..4 {
-        whole.episode();
+        whole.phase();
     }
     let mut first = trainer();
-    first.episode();
-    first.episode();
+    first.phase();
+    first.phase();
     first.save(&path, "test").unwrap();
     drop(first);
-    let mut second = Trainer::resume(&path, scene(), table()).unwrap();
-    second.episode();
-    second.episode();
+    let mut second = Trainer::resume(&path, environment()).unwrap();
+    second.phase();
+    second.phase();
     assert_ne!(bits(&whole.model.parameters), start);
     assert_eq!(
         bits(&whole.model.parameters),
@@ -66,12 +68,12 @@ fn damaged_checkpoints_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.safetensors");
     let mut run = trainer();
-    run.episode();
+    run.phase();
     run.save(&path, "test").unwrap();
     let bytes = std::fs::read(&path).unwrap();
     for length in [0, 7, 8, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
-        let error = Trainer::resume(&path, scene(), table()).err().unwrap();
+        let error = Trainer::resume(&path, environment()).err().unwrap();
         assert!(error.to_string().contains("run.safetensors"), "{error}");
     }
 }
@@ -127,4 +129,29 @@ fn demonstrations_survive_a_file() {
         .err()
         .unwrap();
     assert!(error.to_string().contains("rounds.safetensors"));
+}
+
+/// Rounds of the highway as they were written before every domain had the same file.
+#[test]
+fn demonstrations_of_an_earlier_version_are_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rounds.safetensors");
+    let metadata = [
+        ("mirror.holds", "demonstrations"),
+        ("mirror.domain", "highway"),
+        ("mirror.rounds", "1"),
+    ];
+    let metadata = metadata.map(|(key, value)| (key.to_owned(), value.to_owned()));
+    let extras = [
+        ("length", nn::checkpoint::Extra::U64(&[0])),
+        ("collided", nn::checkpoint::Extra::U8(&[1])),
+    ];
+    nn::checkpoint::save(&path, &[], &extras, &metadata.into()).unwrap();
+    let layout = domains::highway::modalities::layout();
+    let error = training::rounds::Rounds::load(&path, &layout).unwrap_err();
+    let said = error.to_string();
+    assert!(
+        said.contains("rounds.safetensors") && said.contains("mirror demos"),
+        "{said}"
+    );
 }

@@ -4,7 +4,7 @@
 use super::Common;
 use super::communicate_report::Report;
 use super::fit::learned;
-use super::subject::{Lived, Place};
+use super::subject::{Place, SplitRounds};
 use super::units::{Sheet, Unit, run as run_units};
 use domains::discrete::{Discrete, End, Setting};
 use models::Kind;
@@ -162,7 +162,8 @@ impl Unit for Piece<'_> {
                 Some(Box::new(human) as Box<dyn models::HumanModel>)
             }
             Condition::Model(kind) => {
-                let lived = Lived::record(&mut place, Setting::Transfer, self.person, self.seed)?;
+                let lived =
+                    SplitRounds::record(&mut place, Setting::Transfer, self.person, self.seed)?;
                 let whose = [self.person, self.percent];
                 let learned = learned(&study.common, kind, model, &lived, whose, self.seed)?;
                 Some(learned.human(model))

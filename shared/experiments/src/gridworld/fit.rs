@@ -1,7 +1,7 @@
 //! `fit` (the paper's figure "Policy Negative Log-Likelihood"): how well each human model, having learned from a part of 20 rounds,
 //! predicts what the person does in rounds that nobody learned from, in the original and in the transfer setting.
 
-use super::subject::{LEARNING, Lived, Place, TEST, VALIDATION, rounds_of};
+use super::subject::{LEARNING, Place, SplitRounds, TEST, VALIDATION, rounds_of};
 use super::units::{Done, Sheet, Unit, by_person, number, run as run_units};
 use super::{Common, score, title};
 use crate::anova::paired_t;
@@ -77,7 +77,7 @@ impl Unit for Piece<'_> {
     fn rows(&self) -> anyhow::Result<Vec<String>> {
         let domain = self.study.common.domain;
         let mut place = Place::new(domain, self.setting)?;
-        let lived = Lived::record(&mut place, self.setting, self.person, self.seed)?;
+        let lived = SplitRounds::record(&mut place, self.setting, self.person, self.seed)?;
         let rounds = rounds_of(self.percent);
         let nll = match self.kind {
             None => {
@@ -119,7 +119,7 @@ pub fn learned(
     common: &Common,
     kind: Kind,
     model: &SelfModel,
-    lived: &Lived,
+    lived: &SplitRounds,
     [person, percent]: [u32; 2],
     seed: u64,
 ) -> anyhow::Result<Learned> {
@@ -128,7 +128,7 @@ pub fn learned(
     let original = wants_original(kind, own.setting)
         .then(|| -> anyhow::Result<_> {
             let mut place = Place::new(common.domain, Setting::Original)?;
-            let lived = Lived::record(&mut place, Setting::Original, person, seed)?;
+            let lived = SplitRounds::record(&mut place, Setting::Original, person, seed)?;
             Ok(lived.first(rounds))
         })
         .transpose()?;

@@ -2,7 +2,7 @@
 //! what they really see, in both settings.
 
 use super::drawing::{Sketch, draw};
-use super::subject::{LEARNING, Lived, Place};
+use super::subject::{LEARNING, Place, SplitRounds};
 use super::units::{Done, Sheet, Unit, by_person, number, run as run_units};
 use super::{Common, title};
 use crate::results::{Claim, Verdict, claims_table, link, ruled, with_interval};
@@ -86,7 +86,7 @@ impl Unit for Piece<'_> {
     fn rows(&self) -> anyhow::Result<Vec<String>> {
         let domain = self.study.common.domain;
         let mut place = Place::new(domain, self.setting)?;
-        let lived = Lived::record(&mut place, self.setting, self.person, self.seed)?;
+        let lived = SplitRounds::record(&mut place, self.setting, self.person, self.seed)?;
         let settings = implants::Settings {
             seed: self.seed,
             ..implants::Settings::of(domain.name())
@@ -422,7 +422,7 @@ mod tests {
     fn agreement_counts_what_is_on_the_same_side() {
         for domain in [Domain::Driving, Domain::SearchRescue] {
             let mut place = Place::new(domain, Setting::Transfer).expect("ships");
-            let lived = Lived::record(&mut place, Setting::Transfer, 2, 1).expect("lived");
+            let lived = SplitRounds::record(&mut place, Setting::Transfer, 2, 1).expect("lived");
             let perception = place.world.layout().perception;
             let person = place.person(2).expect("ships");
             let truth = person.sight().limits.to_vec();

@@ -159,7 +159,7 @@ fn resample(minds: &mut Vec<SimulatedPerson>, weights: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gridworld::subject::{LEARNING, Lived, Place};
+    use crate::gridworld::subject::{LEARNING, Place, SplitRounds};
     use domains::discrete::{Discrete, Domain, Setting};
     use models::{RecurrentSizes, SelfHuman, Sizes};
     use rand::SeedableRng;
@@ -171,7 +171,7 @@ mod tests {
     fn the_ideal_model_is_never_far_off() {
         for domain in Domain::ALL {
             let mut place = Place::new(domain, Setting::Transfer).expect("ships");
-            let lived = Lived::record(&mut place, Setting::Transfer, 3, 2).expect("lived");
+            let lived = SplitRounds::record(&mut place, Setting::Transfer, 3, 2).expect("lived");
             let layout = place.world.layout().clone();
             let person = place.person(3).expect("ships");
             let first = LEARNING as u32;
@@ -199,7 +199,7 @@ mod tests {
     fn perceiving_and_being_told_are_the_same() {
         let (domain, setting) = (Domain::SearchRescue, Setting::Transfer);
         let mut place = Place::new(domain, setting).expect("ships");
-        let lived = Lived::record(&mut place, setting, 2, 2).expect("lived");
+        let lived = SplitRounds::record(&mut place, setting, 2, 2).expect("lived");
         let layout = Arc::new(place.world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let model = SelfModel::new(Sizes::of(&layout), Arc::clone(&layout), &mut rng);

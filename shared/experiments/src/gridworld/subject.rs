@@ -14,7 +14,7 @@ pub const VALIDATION: usize = 10;
 pub const TEST: usize = 10;
 /// Seed of everybody's 40 rounds; apart from the seeds of demonstrations, of training and of the rounds that assistants are
 /// judged by.
-const LESSONS: u64 = 0x6c65_7373_6f6e_0000;
+const ROUNDS_SEED: u64 = 0x6c65_7373_6f6e_0000;
 
 /// A domain in one setting.
 pub struct Place {
@@ -52,7 +52,7 @@ impl Place {
 }
 
 /// A person's rounds in one setting.
-pub struct Lived {
+pub struct SplitRounds {
     /// To learn from; the first so many of them where less is learned from.
     pub learning: Rounds,
     /// To validate.
@@ -63,13 +63,13 @@ pub struct Lived {
     pub seed: u64,
 }
 
-impl Lived {
+impl SplitRounds {
     /// Lets a person live their 40 rounds of a study's seed without an assistant.
     ///
     /// # Errors
     /// When there is no person of that number.
     pub fn record(place: &mut Place, setting: Setting, id: u32, seed: u64) -> anyhow::Result<Self> {
-        let seed = LESSONS + 2 * seed + u64::from(setting == Setting::Transfer);
+        let seed = ROUNDS_SEED + 2 * seed + u64::from(setting == Setting::Transfer);
         let mut person = place.person(id)?;
         let all = (LEARNING + VALIDATION + TEST) as u32;
         let rounds = Rounds::record(&mut place.world, &mut person, seed, 0, all);

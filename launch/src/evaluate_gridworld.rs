@@ -33,14 +33,14 @@ const QUICK_SQIL_PHASES: usize = 8;
 const QUICK_ROUNDS: u32 = 6;
 
 /// Where a study writes, and since when it runs.
-struct Desk<'a> {
+struct StudyOutput<'a> {
     out: &'a Path,
     results: Option<&'a Path>,
     started: Instant,
     progress: OnceLock<Progress>,
 }
 
-impl<'a> Desk<'a> {
+impl<'a> StudyOutput<'a> {
     fn new(out: &'a Path, results: Option<&'a Path>) -> Self {
         Self {
             out,
@@ -129,9 +129,11 @@ pub fn fit(arguments: &EvaluateFitArguments) -> Result<ExitCode, Failure> {
         percents = vec![*first, *last];
     }
     let study = fits::Study { common, percents };
-    let desk = Desk::new(&shared.files.out, shared.files.results.as_deref());
-    let report = fits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
-    report.write(desk.out)?;
+    let output = StudyOutput::new(&shared.files.out, shared.files.results.as_deref());
+    let report = fits::run(&study, &model, output.out, &|done, all| {
+        output.at(done, all)
+    })?;
+    report.write(output.out)?;
     for line in report.lines() {
         out!("{line}");
     }
@@ -140,8 +142,8 @@ pub fn fit(arguments: &EvaluateFitArguments) -> Result<ExitCode, Failure> {
         "3 people, two numbers of rounds, short soft-Q imitation",
     );
     let heading = format!("Likelihood of people in {} (`fit`)", title(common.domain));
-    desk.finish(&common.name("fit"), &heading, &report.claims, |results| {
-        report.section(results, desk.out, &command_line(), &note)
+    output.finish(&common.name("fit"), &heading, &report.claims, |results| {
+        report.section(results, output.out, &command_line(), &note)
     })?;
     Ok(ExitCode::SUCCESS)
 }
@@ -182,9 +184,11 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
         Ok((study, model))
     };
     let (study, model) = plan().map_err(Failure::refused)?;
-    let desk = Desk::new(&shared.files.out, shared.files.results.as_deref());
-    let report = communicate::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
-    report.write(desk.out)?;
+    let output = StudyOutput::new(&shared.files.out, shared.files.results.as_deref());
+    let report = communicate::run(&study, &model, output.out, &|done, all| {
+        output.at(done, all)
+    })?;
+    report.write(output.out)?;
     for line in report.lines() {
         out!("{line}");
     }
@@ -197,8 +201,8 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
     let domain = study.common.domain;
     let heading = format!("Assistance in {} (`communicate`)", title(domain));
     let name = study.common.name("communicate");
-    desk.finish(&name, &heading, &report.claims, |results| {
-        report.section(results, desk.out, &command_line(), &note)
+    output.finish(&name, &heading, &report.claims, |results| {
+        report.section(results, output.out, &command_line(), &note)
     })?;
     Ok(ExitCode::SUCCESS)
 }
@@ -231,9 +235,11 @@ pub fn implants(
         Ok((limits::Study { common, rounds }, model))
     };
     let (study, model) = plan().map_err(Failure::refused)?;
-    let desk = Desk::new(&arguments.files.out, arguments.files.results.as_deref());
-    let report = limits::run(&study, &model, desk.out, &|done, all| desk.at(done, all))?;
-    report.write(desk.out)?;
+    let output = StudyOutput::new(&arguments.files.out, arguments.files.results.as_deref());
+    let report = limits::run(&study, &model, output.out, &|done, all| {
+        output.at(done, all)
+    })?;
+    report.write(output.out)?;
     for line in report.lines() {
         out!("{line}");
     }
@@ -243,8 +249,8 @@ pub fn implants(
         title(domain)
     );
     let name = study.common.name("implants");
-    desk.finish(&name, &heading, &report.claims, |results| {
-        report.section(results, desk.out, &command_line(), &note)
+    output.finish(&name, &heading, &report.claims, |results| {
+        report.section(results, output.out, &command_line(), &note)
     })?;
     Ok(ExitCode::SUCCESS)
 }
