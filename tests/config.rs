@@ -103,9 +103,9 @@ fn a_smaller_model_of_the_highway_plans() {
     assert!(output.status.success(), "{}", told(&output));
     let scene = bench.write(
         "short.toml",
-        "name = \"short\"\n[episode]\nmax_steps = 4\n[planning]\nsamples = 40\nelites = 8\n",
+        "name = \"short\"\n[episode]\nmax_steps = 4\n[planning]\nsamples = 40\nelites = 8\nrace_first = 4\nrace_futures = 16\n",
     );
-    for planner in ["ce", "kl"] {
+    for planner in ["race", "ce", "kl"] {
         let mut up = mirror();
         up.args(["up", "--episodes", "2", "--human", "self", "--planner"]);
         up.args([planner, "--instance", &common::instance("small")]);

@@ -85,6 +85,10 @@ const SHORTER: &[(&str, &str)] = &[
         "mirror up --human bc --scene driving-fog",
     ),
     (
+        "mirror up --planner ce",
+        "mirror up --planner ce --scene driving-fog",
+    ),
+    (
         "mirror up --planner kl",
         "mirror up --planner kl --scene driving-fog",
     ),

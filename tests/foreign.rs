@@ -24,7 +24,7 @@ use std::process::Command;
 const NO_PYTHON: &str = "no Python into which iceoryx2 and numpy could be installed";
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/python");
 /// Plans that take a few milliseconds.
-const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+const SMALL_PLANS: &str = "[planning]\nrace_steps = 6\nrace_first = 4\nrace_futures = 16\nsamples = 64\nfutures = 1\niterations = 2\nelites = 16\n";
 
 /// The command that starts the example, or `None` where there is no Python for it.
 fn human_model(test: &str) -> Option<String> {
@@ -126,7 +126,7 @@ fn a_planner_asks_python_what_people_would_do() {
     let drive = bench.path("planned.mcap");
     let mut command = up(&bench);
     command
-        .args(["--planner", "ce", "--episodes", "1", "--scene"])
+        .args(["--episodes", "1", "--scene"])
         .arg(scene)
         .arg("--record")
         .arg(&drive);

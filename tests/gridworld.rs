@@ -27,6 +27,7 @@ fn quick(domain: &str, rate: f64) -> String {
          [communication]\nvisual_cost = 0.001\nverbal_cost = 0.001\n\
          [planning]\nhorizon = 2\nsamples = 60\nelites = 12\niterations = 2\n\
          visual_threshold = 0.3\nverbal_threshold = 0.3\n\
+         race_steps = 4\nrace_first = 4\nrace_futures = 16\nrace_certainty = 0.0\n\
          [episode]\nmax_steps = 9\n[clock]\nrate = {rate:?}\n"
     )
 }
@@ -98,7 +99,8 @@ impl Grid {
         let settings = settings_of(self.scene.planning());
         let method = match planner {
             "kl" => Method::Kl,
-            _ => Method::Ce,
+            "ce" => Method::Ce,
+            _ => Method::Race,
         };
         let (model, layout) = (Arc::clone(&self.model), Arc::clone(&self.model.layout));
         Assistant::new(model, self.human(kind), settings, method, layout)
@@ -292,6 +294,13 @@ fn defusing_in_a_set_is_defusing_in_one_process() {
     decides_what_one_process_decides("bomb_defusal", ("mirror", "ce"));
 }
 
+#[test]
+fn candidates_race_in_a_set_as_in_one_process() {
+    decides_what_one_process_decides("driving", ("mirror", "race"));
+    decides_what_one_process_decides("search_rescue", ("ideal", "race"));
+    decides_what_one_process_decides("bomb_defusal", ("mirror", "race"));
+}
+
 /// The simulated person's own model, to whom it is chance what the person notices.
 #[test]
 fn the_ideal_model_in_a_set_is_the_ideal_model_in_one_process() {
@@ -356,7 +365,7 @@ fn equal_seeds_give_equal_digests() {
     let digests = [1, 2].map(|n| {
         let name = instance(&format!("grid-digest-{n}"));
         let file = grid.bench.path(&format!("{n}.json"));
-        let mut command = grid.up(&name, "self", "ce");
+        let mut command = grid.up(&name, "self", "race");
         let output = run(command.args(["--quiet", "--summary"]).arg(&file));
         assert!(output.status.success(), "{}", told(&output));
         summary(&file)["digest"].as_str().unwrap().to_owned()
@@ -391,7 +400,7 @@ fn the_real_time_clock_runs_to_the_end_too() {
     let grid = Grid::new("search_rescue", 20.0);
     let name = instance("grid-realtime");
     let file = grid.bench.path("up.json");
-    let mut command = grid.up(&name, "self", "ce");
+    let mut command = grid.up(&name, "self", "race");
     command.args(["--clock", "realtime", "--episodes", "2", "--summary"]);
     let output = run(command.arg(&file));
     assert!(output.status.success(), "{}", told(&output));
@@ -456,9 +465,10 @@ fn processes_change_places() {
         vec!["human", "mirror", "--implants", &implants],
         vec!["human", "self"],
         vec!["planner", "ce"],
+        vec!["planner", "race"],
         vec!["driver", "sim:2"],
         vec!["planner", "kl"],
-        vec!["planner", "ce"],
+        vec!["planner", "race"],
         vec!["human", "ideal"],
     ] {
         let file = grid.bench.path("report.json");
@@ -487,7 +497,7 @@ fn processes_that_die_are_replaced() {
         let grid = Grid::new("driving", 1.0);
         let name = instance(&format!("grid-killed-{process}"));
         let file = grid.bench.path("up.json");
-        let mut command = grid.up(&name, "self", "ce");
+        let mut command = grid.up(&name, "self", "race");
         command.args(["--episodes", &EPISODES.to_string(), "--summary"]);
         let mut live = Live::start(command.arg(&file), &name);
         live.signal(process, libc::SIGKILL);

@@ -113,7 +113,7 @@ fn another_recorder_goes_on() {
 }
 
 /// The scene that ships, with plans that take a few milliseconds.
-const SMALL_PLANS: &str = "[planning]\nsamples = 64\niterations = 2\nelites = 16\n";
+const SMALL_PLANS: &str = "[planning]\nrace_steps = 6\nrace_first = 4\nrace_futures = 16\nsamples = 64\nfutures = 1\niterations = 2\nelites = 16\n";
 
 #[test]
 fn a_plan_begins_again_when_the_human_model_dies_in_the_middle_of_it() {

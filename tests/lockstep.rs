@@ -153,7 +153,7 @@ fn planned_runs_are_deterministic_and_allocate_nothing() {
     assert_eq!(first["digest"].as_str().unwrap().len(), 64);
     assert_eq!(first["digest"], second["digest"]);
     assert_eq!(first["episode_list"], second["episode_list"]);
-    assert_eq!(first["planner"], "ce");
+    assert_eq!(first["planner"], "race");
     assert_eq!(first["human"], "mirror");
     for process in ["world", "driver", "belief", "human", "planner"] {
         assert_eq!(first["allocations"][process], 0, "{process}");

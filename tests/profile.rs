@@ -421,8 +421,12 @@ fn its_files_open_elsewhere_and_compare() {
 /// A scene in which planning takes moments, and an episode ends soon.
 const QUICK: &str = "name = \"quick\"
 [planning]
+race_steps = 6
+race_first = 4
+race_futures = 16
 horizon = 2
 samples = 24
+futures = 1
 elites = 6
 iterations = 2
 [episode]
@@ -453,7 +457,8 @@ fn plans_are_followed_into_the_human_model_and_back() {
         assert_well(&output);
         let profile = json(&out.join("profile.json"));
         assert_eq!(profile["measured"]["clock"], clock);
-        assert_eq!(profile["measured"]["planner"], "ce");
+        assert_eq!(profile["measured"]["planner"], "race");
+        assert!(profile["counts"]["futures_per_plan"].as_f64().unwrap() > 0.0);
         let metric = |name: &str| profile["metrics"][name].clone();
         let plans = metric("compute planner")["count"].as_u64().unwrap();
         assert!(plans > 5, "{clock}: {plans} plans");
@@ -473,7 +478,7 @@ fn gridworlds_are_profiled_too() {
     let scene = bench.write(
         "quick.toml",
         "name = \"quick\"\ndomain = \"driving\"\nsetting = \"transfer\"\n[planning]\nhorizon = 2\nsamples = 60\n\
-         elites = 12\niterations = 2\n",
+         elites = 12\niterations = 2\nrace_steps = 4\nrace_first = 4\nrace_futures = 16\n",
     );
     let output = run(mirror()
         .args(["profile", "--human", "ideal", "--episodes", "3"])

@@ -16,8 +16,17 @@ const SCENE: &str = "name = \"short\"
 front_m = 15.0
 side_m = 8.0
 rear_m = 3.0
+[communication]
+visual_cost = 0.0
+verbal_cost = 0.0
+speech_interval_s = 0.3
 [planning]
+race_steps = 6
+race_first = 4
+race_futures = 16
+race_certainty = 0.0
 samples = 40
+futures = 1
 elites = 10
 iterations = 2
 horizon = 2
@@ -185,7 +194,7 @@ fn the_recorded_models_decide_the_same_bit_for_bit() {
     assert_eq!(summary["differing_decisions"], 0);
     assert_eq!(summary["skipped_steps"], 0);
     // Not the trivial case: something was communicated, and values differ from step to step.
-    assert!(summary["totals_then"]["visual_items"].as_u64().unwrap() > 0);
+    assert!(summary["totals_then"]["verbal_items"].as_u64().unwrap() > 0);
     assert_eq!(summary["totals_then"], summary["totals_now"]);
     says(&output, &["REPRODUCED bit for bit"]);
 }
@@ -338,7 +347,7 @@ fn another_human_model_or_planner_says_something_else() {
     says(
         &output,
         &[
-            "planner none instead of ce",
+            "planner none instead of race",
             &format!("and {} more", differing - 2),
         ],
     );

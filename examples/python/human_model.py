@@ -63,6 +63,18 @@ class People:
         return len(self.gap_m)
 
 
+class Chance:
+    """What is left to chance in a question: people of one future share it, so that they differ by what they are told alone."""
+
+    def __init__(self, seed: int, futures: int):
+        self.random, self.futures = np.random.default_rng(seed), max(futures, 1)
+
+    def standard_normal(self, shape, dtype=np.float32):
+        """Of `shape`, whose first dimension are people: person j has what future j modulo `futures` has."""
+        own = self.random.standard_normal((self.futures, *shape[1:]), dtype)
+        return own[np.arange(shape[0]) % self.futures]
+
+
 class SectorDriver:
     """People who know the nearest car of each sector."""
 
@@ -89,7 +101,7 @@ class SectorDriver:
         """The person, who has perceived nothing yet."""
         return People(1)
 
-    def spread(self, person: People, rows: int, random: np.random.Generator) -> People:
+    def spread(self, person: People, rows: int, random: Chance) -> People:
         """A group of people who believe about what the person believes."""
         group = People(rows)
         for name, array in vars(person).items():
@@ -232,8 +244,10 @@ class Mind:
         answer.group, answer.phase, answer.rows, answer.status = group, question.phase, rows, ImagineStatus.NO_GROUP
         if group >= GROUPS or rows > MAX_GROUP:
             return
-        random = np.random.default_rng(question.seed)
-        if question.phase == ImaginePhase.START and rows > 0:
+        starts = question.phase == ImaginePhase.START
+        futures = question.futures if starts else self.groups[group][2] if group in self.groups else 1
+        random = Chance(question.seed, futures)
+        if starts and rows > 0:
             known = [people for position, people in self.remembered if position == position_of(question)]
             if not known:
                 answer.status = ImagineStatus.NO_BELIEF
@@ -243,8 +257,9 @@ class Mind:
                 actions = np.tile(np.array(question.action[:ACTIONS], np.float32), (rows, 1))
             else:
                 actions = self._act(people, random)
-        elif question.phase == ImaginePhase.PERCEIVE and group in self.groups and rows == len(self.groups[group][1]):
-            people, before = self.groups[group]
+        elif question.phase == ImaginePhase.PERCEIVE and group in self.groups and rows >= len(self.groups[group][1]):
+            people, before, _ = self.groups[group]
+            people, before = joined(people, before, rows, futures)
             lidar = np.ctypeslib.as_array(question.visual)[: rows * LIDAR].reshape(rows, LIDAR)
             range_m = RANGE_M * (1 - lidar[:, :BEAMS].reshape(rows, HEIGHT_BANDS, AZIMUTHS).max(axis=1))
             ego = lidar[:, BEAMS:] * (EGO_UNIT / EGO_SCALE)
@@ -262,13 +277,24 @@ class Mind:
             return
         else:
             return
-        self.groups[group] = (people, actions)
+        self.groups[group] = (people, actions, futures)
         np.ctypeslib.as_array(answer.action)[: rows * ACTIONS] = actions.reshape(-1)
         answer.status = ImagineStatus.ANSWERED
 
     def _act(self, people, random):
         mean, deviation = self.model.predict(people)
         return np.tanh(mean + deviation * random.standard_normal(mean.shape, np.float32))
+
+
+def joined(people: People, actions, rows: int, futures: int):
+    """A group of as many people as it had, or of more: those have been as the first of their future until now."""
+    held = len(people)
+    if rows > held:
+        who = np.concatenate([np.arange(held), np.arange(held, rows) % max(futures, 1)])
+        for name, array in vars(people).items():
+            setattr(people, name, array[who])
+        actions = actions[who]
+    return people, actions
 
 
 def unsquash(action):

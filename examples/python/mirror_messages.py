@@ -274,7 +274,7 @@ class HumanBelief(ctypes.Structure):
 
 
 class CommAction(ctypes.Structure):
-    LAYOUT = "mirror/CommAction/2 layout ef9a00237a68ea8a"
+    LAYOUT = "mirror/CommAction/3 layout aaa4e6b5cfa1d44f"
     _fields_ = [
         ("header", Header),
         ("visual_probability", ctypes.c_float * 16),
@@ -284,14 +284,18 @@ class CommAction(ctypes.Structure):
         ("value", ctypes.c_float),
         ("value_silent", ctypes.c_float),
         ("cost", ctypes.c_float),
+        ("gain_now", ctypes.c_float),
+        ("gain_later", ctypes.c_float),
+        ("gain_error", ctypes.c_float),
         ("reason", ctypes.c_uint32),
         ("samples", ctypes.c_uint32),
         ("iterations", ctypes.c_uint32),
+        ("futures", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/CommAction/2"
+        return "mirror/CommAction/3"
 
 
 class Utterance(ctypes.Structure):
@@ -342,13 +346,15 @@ class DriverAction(ctypes.Structure):
 
 
 class ImagineRequest(ctypes.Structure):
-    LAYOUT = "mirror/ImagineRequest/3 layout 29ea1816a708acad"
+    LAYOUT = "mirror/ImagineRequest/4 layout 68fef2d8c3139dfc"
     _fields_ = [
         ("header", Header),
         ("seed", ctypes.c_uint64),
         ("group", ctypes.c_uint32),
         ("phase", ctypes.c_uint32),
         ("rows", ctypes.c_uint32),
+        ("first_future", ctypes.c_uint32),
+        ("futures", ctypes.c_uint32),
         ("action_known", ctypes.c_uint32),
         ("action", ctypes.c_float * 4),
         ("visual_width", ctypes.c_uint32),
@@ -362,7 +368,7 @@ class ImagineRequest(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "mirror/ImagineRequest/3"
+        return "mirror/ImagineRequest/4"
 
 
 class ImagineAnswer(ctypes.Structure):
@@ -477,11 +483,11 @@ _PLACES = {
     Outcome: (112, [0, 48, 52, 56, 60, 64, 68, 72, 76, 80, 84, 100, 104, 108]),
     RobotBelief: (2632, [0, 48, 560, 1072, 2096, 2608, 2612, 2616, 2620, 2624, 2628]),
     HumanBelief: (1128, [0, 48, 560, 1072, 1080, 1088, 1104, 1120, 1124]),
-    CommAction: (176, [0, 48, 112, 144, 148, 152, 156, 160, 164, 168, 172]),
+    CommAction: (192, [0, 48, 112, 144, 148, 152, 156, 160, 164, 168, 172, 176, 180, 184, 188]),
     Utterance: (80, [0, 64, 68, 72, 76]),
     Display: (768, [0, 48, 688, 692, 696, 760, 764]),
     DriverAction: (64, [0, 48, 52, 56, 60]),
-    ImagineRequest: (789600, [0, 48, 56, 60, 64, 68, 72, 88, 92, 96, 2144, 526432, 788576, 789088]),
+    ImagineRequest: (789608, [0, 48, 56, 60, 64, 68, 72, 76, 80, 96, 100, 104, 2152, 526440, 788584, 789096]),
     ImagineAnswer: (10304, [0, 48, 52, 56, 60, 64, 8256]),
     Control: (64, [0, 48, 52, 56]),
     PortCount: (40, [0, 24, 32]),

@@ -124,7 +124,7 @@ pub struct UpArguments {
     #[arg(long, value_name = "KIND", default_value = "mirror", value_parser = offered::humans(), hide_possible_values = true)]
     pub human: String,
     /// How to decide what to communicate
-    #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Ce)]
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Race)]
     pub planner: PlannerMethod,
     /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or
     /// `recorded:ID` (the person in that car of a CommonRoad scenario)

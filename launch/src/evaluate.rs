@@ -9,11 +9,12 @@ use crate::results_file::results_file;
 use crate::screen::Progress;
 use crate::{evaluate_all, evaluate_gridworld, evaluate_real};
 use anyhow::{Context, Result};
+use domains::highway::Scene;
 use experiments::claims::write_study;
 use experiments::drive::{Condition, Study};
 use experiments::drive_report::{ConditionSummary, Report};
 use experiments::implants;
-use planning::Settings;
+use planning::items::highway_settings_of;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -79,6 +80,7 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         Ok((conditions, model.map(|(_, model)| model)))
     };
     let (conditions, model) = plan().map_err(Failure::refused)?;
+    let fog = Scene::builtin("highway-fog").context("the scene that ships")?;
     let mut study = Study {
         conditions,
         people: arguments.people,
@@ -86,15 +88,16 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
         planned_seeds: u64::from(arguments.planned_seeds),
         seed: arguments.seed,
         rounds: arguments.rounds,
-        settings: Settings::default(),
+        settings: highway_settings_of(&fog),
     };
     if arguments.quick {
         study.people = study.people.min(QUICK_PEOPLE);
         study.seeds = 1;
         study.planned_seeds = 1;
         study.settings.samples = QUICK_SAMPLES;
-        study.settings.elites = QUICK_SAMPLES / 5;
-        study.settings.silent = 4;
+        study.settings.elites = QUICK_SAMPLES / study.settings.futures / 5;
+        study.settings.silent = 5;
+        study.settings.race.futures = QUICK_FUTURES;
     }
     let progress = OnceLock::new();
     let report = experiments::drive::run(
@@ -114,7 +117,7 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
     print_drive(&report);
     let note = if arguments.quick {
         format!(
-            "**Quick form**: {} people and {QUICK_SAMPLES} imagined futures instead of 1000; it shows that the study runs, and no more.",
+            "**Quick form**: {} people and at most {QUICK_FUTURES} futures of a candidate; it shows that the study runs, and no more.",
             study.people
         )
     } else {
@@ -141,6 +144,8 @@ fn drive(arguments: &EvaluateDriveArguments) -> Result<ExitCode, Failure> {
 /// People, and imagined futures, of the quick form: it has to end within minutes on two cores.
 const QUICK_PEOPLE: u32 = 3;
 const QUICK_SAMPLES: usize = 200;
+/// Futures that the race's last candidates live through in the quick form.
+const QUICK_FUTURES: usize = 16;
 /// The highway's people, and rounds that implants are learned from: each of the six cases once.
 const PEOPLE: u32 = 21;
 const ROUNDS: usize = 6;

@@ -18,6 +18,7 @@ use experiments::gridworld::subject::LEARNING;
 use experiments::gridworld::{Common, fit as fits, implants as limits, title};
 use experiments::results::Claim;
 use models::SelfModel;
+use planning::Method;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
@@ -27,6 +28,8 @@ use std::time::Instant;
 const QUICK_PEOPLE: u32 = 3;
 /// … so many imagined futures …
 const QUICK_SAMPLES: usize = 100;
+/// Futures that the race's last candidates live through in the quick form.
+const QUICK_FUTURES: usize = 16;
 /// … so many phases of soft-Q imitation …
 const QUICK_SQIL_PHASES: usize = 8;
 /// … and so many rounds a person and condition.
@@ -174,12 +177,21 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
                 )
             }
         };
+        let mut settings = communicate::settings(&common, samples).context("--samples")?;
+        if shared.quick {
+            settings.race.first = QUICK_FUTURES / 2;
+            settings.race.futures = QUICK_FUTURES;
+        }
         let study = communicate::Study {
+            method: match arguments.planner.as_str() {
+                "ce" => Method::Ce,
+                _ => Method::Race,
+            },
             common,
             conditions,
             percents: sorted(arguments.fractions.clone()),
             rounds,
-            settings: communicate::settings(&common, samples).context("--samples")?,
+            settings,
         };
         Ok((study, model))
     };
@@ -195,7 +207,7 @@ pub fn communicate(arguments: &EvaluateCommunicateArguments) -> Result<ExitCode,
     let note = note(
         shared.quick,
         &format!(
-            "3 people, {QUICK_ROUNDS} rounds, {QUICK_SAMPLES} imagined futures, short soft-Q imitation"
+            "3 people, {QUICK_ROUNDS} rounds, at most {QUICK_FUTURES} futures of a candidate, short soft-Q imitation"
         ),
     );
     let domain = study.common.domain;

@@ -8,8 +8,8 @@ use crate::place;
 use anyhow::{Context, Result};
 use models::{Beliefs, Implants, SelfHuman};
 use nn::Tensor;
-use planning::planner::{From, GROUPS, Planner};
-use planning::{Settings, ThreadedPeople};
+use planning::planner::From;
+use planning::{Chooser, Method, Settings, ThreadedPeople};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use std::time::{Duration, Instant};
@@ -65,21 +65,19 @@ impl Pace {
             return lines;
         }
         lines.push(match p50 <= SHARE * step {
-            true => "this machine keeps up most of the time only: some decisions will come late",
+            true => "this machine keeps up most of the time only: some decisions will rest on fewer futures",
             false => {
-                "this machine does NOT keep up: most decisions will come late or never, and the person drives on without them"
+                "this machine does NOT keep up: most decisions will rest on fewer futures, and less will be said"
             }
         }
         .to_owned());
-        // A plan takes as long as it imagines futures.
-        let fitting = self.settings.samples as f64 * SHARE * step / p99;
-        let samples = (fitting / 50.0).floor() as usize * 50;
-        lines.push("lockstep, the default, waits for every decision".to_owned());
-        if samples >= 100 {
-            let elites = samples * self.settings.elites / self.settings.samples;
+        lines.push("in real time a plan stops in time and rests on fewer futures; in lockstep, the default, everybody waits for it".to_owned());
+        let futures = (self.settings.race.futures as f64 * SHARE * step / p99) as usize & !1;
+        let first = self.settings.race.first.min(futures);
+        if first >= 4 {
             lines.push(format!(
-                "plans that would be in time: [planning] samples = {samples}, elites = {elites} in a scene file, in place of {} and {}",
-                self.settings.samples, self.settings.elites
+                "plans that would be in time as they are: [planning] race_futures = {futures}, race_first = {first} in a scene file, in place of {} and {}",
+                self.settings.race.futures, self.settings.race.first
             ));
         }
         lines
@@ -102,8 +100,8 @@ fn measure() -> Result<Pace> {
     // What the implants have learned takes no time: these have learned nothing.
     let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(1));
     let human = SelfHuman::new(model.clone(), Some(implants), 0);
-    let mut people = ThreadedPeople::spawn(human, person, settings.samples / GROUPS, &shape);
-    let mut planner = Planner::new(settings, &model);
+    let mut people = ThreadedPeople::spawn(human, person, settings.most_rows(), &shape);
+    let mut planner = Chooser::new(Method::Race, settings, &model);
     let mut plans_ms = Vec::new();
     let since = Instant::now();
     for step in 0..=MOST_PLANS {
@@ -115,6 +113,7 @@ fn measure() -> Result<Pace> {
             seed: 1,
             episode: 0,
             step: step as u32,
+            until: None,
         };
         let began = Instant::now();
         planner
@@ -155,7 +154,7 @@ mod tests {
         assert!(pace(&[100.0, 110.0, 140.0]).contains("most of the time only"));
         let slow = pace(&[318.0, 325.0, 340.0]);
         assert!(slow.contains("does NOT keep up"), "{slow}");
-        // 1000 × 0.85 × 150 / 340 = 375.
-        assert!(slow.contains("samples = 350, elites = 70"), "{slow}");
+        // 64 × 0.85 × 150 / 340 = 24.
+        assert!(slow.contains("race_futures = 24, race_first = 8"), "{slow}");
     }
 }

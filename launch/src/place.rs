@@ -285,30 +285,13 @@ pub fn settings(scene: &NamedScene) -> Result<Settings> {
 }
 
 fn highway_settings(scene: &Scene, name: &str) -> Result<Settings> {
-    let (planning, communication) = (&scene.planning, &scene.communication);
-    let power = communication.verbal_power;
+    let power = scene.communication.verbal_power;
     ensure!(
         power == 3.0,
         "{}: communication.verbal_power is {power}: the planner knows only 3",
         name
     );
-    Ok(Settings {
-        horizon: planning.horizon as usize,
-        hold: planning.repeat as usize,
-        samples: planning.samples as usize,
-        iterations: planning.iterations as usize,
-        elites: planning.elites as usize,
-        smoothing: planning.smoothing as f32,
-        first_probability: planning.first_probability as f32,
-        warm_start: planning.warm_start as f32,
-        discount: planning.discount as f32,
-        reward_weight: planning.reward_weight as f32,
-        visual_cost: communication.visual_cost as f32,
-        verbal_cost: communication.verbal_cost as f32,
-        visual_threshold: planning.visual_threshold as f32,
-        verbal_threshold: planning.verbal_threshold as f32,
-        ..Settings::default()
-    })
+    Ok(planning::items::highway_settings_of(scene))
 }
 
 /// The robot's self-model for a scene: the given file or the one that ships.

@@ -40,7 +40,8 @@ pub fn state(pid: u32) -> Option<char> {
 pub fn quick_scene(samples: u32, more: &str) -> String {
     format!(
         "name = \"quick\"\n[fog]\nfront_m = 13.0\nside_m = 8.0\nrear_m = 3.0\n[planning]\nhorizon = 2\n\
-         samples = {samples}\nelites = {}\niterations = 2\n{more}",
+         race_steps = 6\nrace_first = 4\nrace_futures = 16\n\
+         samples = {samples}\nfutures = 1\nelites = {}\niterations = 2\n{more}",
         samples / 4
     )
 }
@@ -100,7 +101,7 @@ impl Bench {
         self.write_implants();
         let mut command = mirror();
         command
-            .args(["up", "--human", "mirror", "--planner", "ce"])
+            .args(["up", "--human", "mirror"])
             .args(["--instance", instance, "--self-model"])
             .arg(self.path("self.safetensors"))
             .arg("--implants")

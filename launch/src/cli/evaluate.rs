@@ -93,7 +93,10 @@ pub struct EvaluateCommunicateArguments {
     /// Rounds a person and condition [default: about 20, every scenario equally often]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub rounds: Option<u32>,
-    /// Futures that every assistant imagines for a plan; `mirror up` takes as many as its scene says
+    /// How every assistant decides, `race` or `ce`
+    #[arg(long, value_name = "KIND", default_value = "race", value_parser = ["race", "ce"])]
+    pub planner: String,
+    /// Futures imagined for a plan of `--planner ce`; `mirror up` takes as many as its scene says
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(20..=100_000))]
     pub samples: u32,
 }

@@ -13,6 +13,7 @@ mod heads;
 mod options;
 mod phase;
 pub mod plan;
+mod plans;
 mod run;
 mod run_callers;
 mod run_stop;

@@ -70,6 +70,7 @@ impl RunPlan {
                 settings: self.settings,
                 seed: self.seed,
                 step_s: self.scene.step_s() as f32,
+                real_step_s: Some((self.scene.step_ns() as f64 * 1e-9) as f32),
                 patience_ms: 50,
                 scenario,
             }),

@@ -3,6 +3,7 @@
 use super::decisions::Decisions;
 use super::ended::Cause;
 use super::plan::RunPlan;
+use super::plans::Plans;
 use super::supervise::Death;
 use super::swap_report::SwapReport;
 use super::tally::{EpisodeTally, Tally};
@@ -106,6 +107,8 @@ pub struct RunSummary {
     /// In real time, how many steps had a decision in time; none in lockstep, where everybody waits for it, and without
     /// a planner.
     pub decisions: Option<Decisions>,
+    /// What the decisions rested on; none where nothing was planned.
+    pub plans: Option<Plans>,
     /// Messages lost at any port, by topic.
     pub lost_messages: BTreeMap<String, u64>,
     /// Messages that waited for a process to look up, because the transport lost the wake-up, over all processes.
@@ -205,6 +208,7 @@ impl RunSummary {
                 .fold(0.0, |sum, episode| sum + episode.communication_cost),
             missed_deadlines: 0,
             decisions: tally.decisions(),
+            plans: tally.plans(),
             lost_messages: BTreeMap::new(),
             lost_wakeups: ending.launcher_lost_wakeups,
             crashes,

@@ -3,7 +3,7 @@
 use super::ended::Cause;
 use super::summary::{Percentiles, ProcessSummary, RunSummary, is_our_crash};
 use super::supervise::Death;
-use super::tally::EpisodeTally;
+use super::tally::{EpisodeTally, Why};
 use crate::process::NAMES;
 use profiler::units::{count, time_us};
 use runtime::ClockMode;
@@ -98,7 +98,19 @@ impl RunSummary {
             "{number:>7}  {steps:>5}  {end:<11}  {reward:>8.1}  {highlights:>10}  {utterances:>10}"
         );
         for said in said {
-            let _ = writeln!(out, "         {:>6.2} s  “{}”", said.time_s, said.text);
+            let why = match said.why {
+                Why { futures: 0, .. } => String::new(),
+                Why {
+                    gain_now,
+                    gain_later,
+                    cost,
+                    ..
+                } if gain_now > 0.0 => {
+                    format!("  gains {gain_now:.1} now, {gain_later:.1} later; costs {cost:.1}")
+                }
+                Why { cost, .. } => format!("  costs {cost:.1}"),
+            };
+            let _ = writeln!(out, "         {:>6.2} s  “{}”{why}", said.time_s, said.text);
         }
         for name in self.items.visual {
             let mut of_item = shown.iter().filter(|shown| shown.item == *name).peekable();
@@ -168,6 +180,9 @@ impl RunSummary {
                     decisions.text()
                 ),
             };
+        }
+        if let Some(plans) = self.plans.filter(|plans| plans.weighed > 0) {
+            let _ = writeln!(out, "plans: {}", plans.text());
         }
         let lost: Vec<_> = self
             .lost_messages

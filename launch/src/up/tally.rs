@@ -1,11 +1,13 @@
 //! Counts what happens in a run from the messages themselves: rewards, collisions, what was shown and said, and when.
 
 use super::decisions::{DecisionCount, Decisions};
+use super::plans::{PlanCount, Plans};
 use crate::place::ItemNames;
 use anyhow::Result;
 use messages::{CommAction, Display, EpisodeEnd, Outcome, VISUAL_ITEMS, topic};
 use runtime::{ClockMode, Input, InputOptions, Launcher, StageTimer, text_of};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Something said.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -16,6 +18,32 @@ pub struct SaidItem {
     pub item: &'static str,
     /// The words.
     pub text: String,
+    /// Why.
+    pub why: Why,
+}
+
+/// What the planner expected of what it communicates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Why {
+    /// Gain over silence (`race`).
+    pub gain_now: f32,
+    /// Gain of the best way of waiting (`race`).
+    pub gain_later: f32,
+    /// Cost of the step.
+    pub cost: f32,
+    /// Futures that the decision rests on.
+    pub futures: u32,
+}
+
+impl Why {
+    fn of(decision: &CommAction) -> Self {
+        Self {
+            gain_now: decision.gain_now,
+            gain_later: decision.gain_later,
+            cost: decision.cost,
+            futures: decision.futures,
+        }
+    }
 }
 
 /// What the person was told of the assistant itself.
@@ -36,6 +64,8 @@ pub struct ShownItem {
     pub duration_s: f64,
     /// The item.
     pub item: &'static str,
+    /// Why it was first shown.
+    pub why: Why,
 }
 
 /// An episode.
@@ -69,7 +99,13 @@ pub struct EpisodeTally {
     /// Step and cost of the newest decision.
     #[serde(skip)]
     decided: (u32, f64),
+    /// Why something is communicated at a step, for steps whose display has not been seen yet.
+    #[serde(skip)]
+    reasons: BTreeMap<u32, Why>,
 }
+
+/// A late decision is shown at most so many steps after its own.
+const LATEST_STEPS: u32 = 4;
 
 /// The launcher's view of a run.
 pub struct Tally {
@@ -79,6 +115,8 @@ pub struct Tally {
     step_s: f64,
     /// In real time, what came of the decisions.
     decisions: Option<DecisionCount>,
+    /// What the decisions rested on.
+    plans: PlanCount,
     /// What can be communicated.
     pub items: ItemNames,
     /// Every episode that began.
@@ -109,6 +147,7 @@ impl Tally {
                 ClockMode::Lockstep => None,
                 ClockMode::RealTime => Some(DecisionCount::new(plans)),
             },
+            plans: PlanCount::default(),
             items,
             episodes: Vec::new(),
             sensing_to_display: StageTimer::new(),
@@ -125,6 +164,7 @@ impl Tally {
             if let Some(decisions) = &mut self.decisions {
                 decisions.decide(decision);
             }
+            self.plans.decide(decision);
             self.sensing_to_decision.record(
                 decision
                     .header
@@ -133,7 +173,11 @@ impl Tally {
             );
             let episode = entry(&mut self.episodes, decision.header.episode);
             episode.communication_cost += f64::from(decision.cost);
-            episode.decided = (decision.header.step, f64::from(decision.cost));
+            let step = decision.header.step;
+            episode.decided = (step, f64::from(decision.cost));
+            if decision.visual | decision.verbal != 0 {
+                episode.reasons.insert(step, Why::of(decision));
+            }
         }
         while let Some(display) = self.display.next()? {
             self.sensing_to_display.record(
@@ -170,6 +214,11 @@ impl Tally {
     pub fn decisions(&self) -> Option<Decisions> {
         let so_far = self.decisions.as_ref()?.so_far;
         (so_far.steps > 0).then_some(so_far)
+    }
+
+    /// What the decisions rested on; none without a decision.
+    pub fn plans(&self) -> Option<Plans> {
+        self.plans.so_far()
     }
 
     /// Control steps of all episodes.
@@ -218,8 +267,17 @@ impl EpisodeTally {
         }
     }
 
+    /// Why something is communicated at a step: as the newest decision says that is not for a later one.
+    fn why(&mut self, step: u32) -> Why {
+        let oldest = step.saturating_sub(LATEST_STEPS);
+        self.reasons = self.reasons.split_off(&oldest);
+        let known = self.reasons.range(..=step).next_back();
+        known.map_or(Why::default(), |(_, why)| *why)
+    }
+
     fn show(&mut self, display: &Display, step_s: f64, items: ItemNames) {
         let time_s = f64::from(display.header.step) * step_s;
+        let why = self.why(display.header.step);
         for (item, name) in items.visual.iter().enumerate().take(VISUAL_ITEMS) {
             if display.highlighted >> item & 1 == 0 {
                 self.lit[item] = None;
@@ -231,6 +289,7 @@ impl EpisodeTally {
                     time_s,
                     duration_s: 0.0,
                     item: name,
+                    why,
                 });
                 self.shown.len() - 1
             });
@@ -256,6 +315,7 @@ impl EpisodeTally {
                 time_s,
                 item: name,
                 text: text_of(&utterance.text),
+                why,
             });
         }
     }

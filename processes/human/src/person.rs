@@ -1,5 +1,5 @@
 //! The person as the human model sees them: what they believe now, what they believed a moment ago, and groups of
-//! imagined people that start from there. Allocates nothing once each group's size has been seen.
+//! imagined people that start from there. Allocates nothing once it is made.
 
 use crate::senses::Senses;
 use messages::{
@@ -7,7 +7,7 @@ use messages::{
     MAX_GROUP, Message,
 };
 use models::human::following;
-use models::imagined::{ImaginedGroups, Moment};
+use models::imagined::{Futures, ImaginedGroups, Moment};
 use models::{ActionDistribution, Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
 
@@ -45,9 +45,11 @@ struct Remembered {
 
 impl<S: Senses> ModelledPerson<S> {
     /// A person who perceived nothing yet; `seed` is the run's.
-    pub fn new(model: Box<dyn HumanModel>, senses: S, seed: u64) -> Self {
+    pub fn new(mut model: Box<dyn HumanModel>, senses: S, seed: u64) -> Self {
         let shape = senses.shape();
         let latent = model.latent();
+        let mut groups = ImaginedGroups::new(&*model, GROUPS, MAX_GROUP);
+        groups.warm(&mut *model, &shape, MAX_GROUP);
         Self {
             seed,
             noise: vec![0.0; model.noise_rows()],
@@ -61,7 +63,7 @@ impl<S: Senses> ModelledPerson<S> {
                 beliefs: Beliefs::new(latent, 1),
             }),
             next: 0,
-            groups: ImaginedGroups::new(&*model, GROUPS, MAX_GROUP),
+            groups,
             rows: [0; GROUPS],
             imagined: Observations::new(&shape, MAX_GROUP),
             communicated: vec![Communicated::default(); MAX_GROUP],
@@ -194,6 +196,10 @@ impl<S: Senses> ModelledPerson<S> {
                     return;
                 };
                 self.rows[group] = rows;
+                let futures = Futures {
+                    first: question.first_future as usize,
+                    count: question.futures as usize,
+                };
                 let actions = self.action.rows();
                 let known = (question.action_known != 0).then_some(&question.action[..actions]);
                 self.groups.start(
@@ -201,14 +207,16 @@ impl<S: Senses> ModelledPerson<S> {
                     &start.beliefs,
                     group,
                     rows,
+                    futures,
                     question.seed,
                     known,
                 )
             }
-            Ok(ImaginePhase::Perceive) if rows > 0 && rows == self.rows[group] => {
+            Ok(ImaginePhase::Perceive) if self.may_be(group, rows) => {
                 if !self.take_in(question, rows) {
                     return;
                 }
+                self.rows[group] = rows;
                 let communicated = &self.communicated[..rows];
                 self.groups.step(
                     &mut *self.model,
@@ -229,6 +237,11 @@ impl<S: Senses> ModelledPerson<S> {
         let Ok(actions) = actions else { return };
         answer.action[..actions.data().len()].copy_from_slice(actions.data());
         answer.status = ImagineStatus::Answered.wire();
+    }
+
+    /// Whether a group may have so many people from now on: as many as until now, or more of the same futures.
+    fn may_be(&self, group: usize, rows: usize) -> bool {
+        self.rows[group] > 0 && (self.rows[group]..=MAX_GROUP).contains(&rows)
     }
 
     /// Answers how far the person's belief would be from the robot's in each version of the next step.
@@ -297,13 +310,13 @@ impl<S: Senses> ModelledPerson<S> {
         {
             *bits = Communicated(*asked);
         }
-        // Without a word to anybody, all of this is masked, if people hear nobody else.
-        let mut told = self.communicated[..rows].iter();
-        if self.senses.hears() || told.any(|bits| bits.verbal_bits() != 0) {
-            let numbers = verbal.data().len();
-            verbal
-                .data_mut()
-                .copy_from_slice(&question.verbal[..numbers]);
+        let width = verbal.rows();
+        for (j, told) in self.communicated[..rows].iter().enumerate() {
+            // What is said to nobody is masked, if people hear nobody else.
+            if self.senses.hears() || told.verbal_bits() != 0 {
+                let words = &question.verbal[j * width..(j + 1) * width];
+                verbal.column_mut(j).copy_from_slice(words);
+            }
         }
         true
     }

@@ -86,6 +86,7 @@ fn question(step: u32, group: u32, phase: u32, rows: u32) -> Box<ImagineRequest>
     let mut question = Box::new(ImagineRequest::ZERO);
     question.header.step = step;
     (question.group, question.phase, question.rows, question.seed) = (group, phase, rows, 77);
+    question.futures = rows.clamp(1, MAX_GROUP as u32);
     (question.visual_width, question.verbal_width) = (113, 120);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     for value in &mut question.visual {
@@ -220,7 +221,8 @@ fn questions_that_cannot_be_answered_say_why() {
         (u32::MAX, PERCEIVE, 5),
         (0, START, 0),
         (0, START, MAX_GROUP as u32 + 1),
-        (0, PERCEIVE, 6),
+        (0, PERCEIVE, 4),
+        (0, PERCEIVE, MAX_GROUP as u32 + 1),
         (0, PERCEIVE, u32::MAX),
         (0, 4, 5),
     ] {
@@ -239,6 +241,41 @@ fn questions_that_cannot_be_answered_say_why() {
         Ok(ImagineStatus::NoGroup),
         "the group was forgotten"
     );
+}
+
+/// Two rows of one future differ by what they are told alone; who comes later has been as the first of their future.
+#[test]
+fn people_of_one_future_share_its_chance() {
+    let two_futures = |phase, rows| {
+        let mut question = question(0, 0, phase, rows);
+        question.futures = 2;
+        // Everybody sees the same.
+        for j in 1..MAX_GROUP {
+            question.visual.copy_within(..113, j * 113);
+        }
+        question
+    };
+    let mut person = person();
+    observe(&mut person, 0, &Display::ZERO, [0.0; 2]);
+    let of = |answer: &ImagineAnswer, j: usize| [answer.action[2 * j], answer.action[2 * j + 1]];
+    for (phase, rows) in [(START, 4), (PERCEIVE, 4), (PERCEIVE, 7)] {
+        let answer = ask(&mut person, &two_futures(phase, rows));
+        assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
+        assert_ne!(of(&answer, 0), of(&answer, 1), "futures differ");
+        for j in 2..rows as usize {
+            assert_eq!(of(&answer, j), of(&answer, j % 2), "row {j} of {rows}");
+        }
+    }
+    let mut told = two_futures(PERCEIVE, 7);
+    told.communicated[6] = 1 << 8;
+    told.verbal[6 * 120..6 * 120 + 20].fill(0.7);
+    let answer = ask(&mut person, &told);
+    assert_ne!(
+        of(&answer, 6),
+        of(&answer, 0),
+        "who is told something acts otherwise"
+    );
+    assert_eq!(of(&answer, 5), of(&answer, 1));
 }
 
 #[test]

@@ -19,12 +19,15 @@ use scenario::{Scenario, scene_or_null};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// How to decide what to communicate.
 // What follows is what `mirror up --help` says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum PlannerMethod {
+    /// Race what could be said or shown, now or later, through the same imagined futures
+    Race,
     /// Imagine many futures and keep what helps most (cross-entropy method)
     Ce,
     /// Bring the person's belief as near to the robot's as it will go, with no regard to reward (MIRROR-KL)
@@ -37,18 +40,20 @@ impl PlannerMethod {
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Race => "race",
             Self::Ce => "ce",
             Self::Kl => "kl",
             Self::None => "none",
         }
     }
 
-    /// The planning library's name for it; `none` plans nothing and is treated as `ce` where a planner is made all the
-    /// same.
+    /// The planning library's name for it; `none` plans nothing and is treated as `race` where a planner is made all
+    /// the same.
     fn chooser(self) -> planning::Method {
         match self {
             Self::Kl => planning::Method::Kl,
-            Self::Ce | Self::None => planning::Method::Ce,
+            Self::Ce => planning::Method::Ce,
+            Self::Race | Self::None => planning::Method::Race,
         }
     }
 }
@@ -62,13 +67,16 @@ pub struct PlannerOptions {
     /// The self-model's file, the same that the belief process uses; `none` needs no model.
     #[serde(default)]
     pub model: Option<PathBuf>,
-    /// Settings of the cross-entropy planner.
+    /// Settings of the planners.
     #[serde(default)]
     pub settings: Settings,
     /// Seed of the run.
     pub seed: u64,
     /// Seconds of a control step.
     pub step_s: f32,
+    /// Seconds that a control step takes where the world does not wait; as many as are simulated if nothing is said.
+    #[serde(default)]
+    pub real_step_s: Option<f32>,
     /// In real time, how long the human model may take for an answer, in milliseconds.
     #[serde(default = "default_patience_ms")]
     pub patience_ms: u64,
@@ -87,11 +95,13 @@ impl PlannerOptions {
         if let Some(problem) = self.settings.problem() {
             bail!("planner settings: {problem}");
         }
-        if !(self.step_s > 0.0 && self.step_s.is_finite()) {
-            bail!(
-                "planner options: step_s must be positive, not {}",
-                self.step_s
-            );
+        for (name, step_s) in [
+            ("step_s", self.step_s),
+            ("real_step_s", self.real_step_s.unwrap_or(self.step_s)),
+        ] {
+            if !(step_s > 0.0 && step_s.is_finite()) {
+                bail!("planner options: {name} must be positive, not {step_s}");
+            }
         }
         Ok(())
     }
@@ -105,11 +115,11 @@ pub fn run(arguments: &RunArguments, options: &PlannerOptions) -> Result<()> {
     options.check()?;
     run_process(arguments, |node| match options.method {
         PlannerMethod::None => say_nothing(node),
-        PlannerMethod::Ce | PlannerMethod::Kl => {
+        PlannerMethod::Race | PlannerMethod::Ce | PlannerMethod::Kl => {
             let path = options
                 .model
                 .as_ref()
-                .context("planner options: methods `ce` and `kl` need a model")?;
+                .context("planner options: methods `race`, `ce` and `kl` need a model")?;
             let state = match &options.scenario {
                 Scenario::Highway(()) => {
                     let layout = domains::highway::modalities::layout();
@@ -178,7 +188,7 @@ fn decide(node: &mut Node, options: &PlannerOptions, mut state: PlannerState) ->
     let mut displays = node.input::<Display>(topic::DISPLAY, receive)?;
     let mut client = node.request_client()?;
     let decisions = node.output::<CommAction>(topic::COMM_ACTION)?;
-    let mut pending = PendingAnswers::new(options.settings.samples, state.actions());
+    let mut pending = PendingAnswers::new(options.settings.most_rows(), state.actions());
     let patience_ns = (!lockstep).then_some(options.patience_ms * 1_000_000);
     node.needs_no_catching_up();
 
@@ -228,6 +238,10 @@ fn decide(node: &mut Node, options: &PlannerOptions, mut state: PlannerState) ->
             .message()
             .filter(|a| (a.header.episode, a.header.step) == (stamp.episode, stamp.step));
         let speech_ready_s = displays.message().map_or(0.0, |d| d.speech_ready_s);
+        let until = (!lockstep).then(|| {
+            let at_ns = belief.header.cause_ns + state.budget_ns();
+            Instant::now() + Duration::from_nanos(at_ns.saturating_sub(now_ns()))
+        });
         let decision = loop {
             if !is_of_step(human.header()) {
                 break Err(PeopleError::NoBelief);
@@ -241,7 +255,7 @@ fn decide(node: &mut Node, options: &PlannerOptions, mut state: PlannerState) ->
                 pending: &mut pending,
                 successor: lockstep.then_some(&mut human),
             };
-            match state.plan(belief, acted, speech_ready_s, &mut people) {
+            match state.plan(belief, acted, speech_ready_s, until, &mut people) {
                 Err(PeopleError::Replaced) => {
                     client.give_up();
                     human.take()?;

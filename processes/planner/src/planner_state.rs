@@ -10,6 +10,7 @@ use planning::planner::{From, Plan, Settings};
 use planning::{Chooser, ImaginedPeople, Items, PeopleError};
 use scenario::Scenario;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// The planner with what it keeps from step to step. Allocates nothing after its first plan.
 pub struct PlannerState {
@@ -21,6 +22,7 @@ pub struct PlannerState {
     action: Tensor,
     seed: u64,
     step_s: f32,
+    real_step_s: f32,
     plan: Plan,
     /// Probability of each item in the last plan: visual, then verbal.
     probability: Vec<f32>,
@@ -69,6 +71,7 @@ impl PlannerState {
             action: Tensor::new(actions, 1),
             seed: options.seed,
             step_s: options.step_s,
+            real_step_s: options.real_step_s.unwrap_or(options.step_s),
             plan: Plan::default(),
             probability: vec![0.0; items.count()],
             visual_items: items.visual_items(),
@@ -91,13 +94,19 @@ impl PlannerState {
         self.action.rows()
     }
 
-    /// Nanoseconds of a control step.
+    /// Nanoseconds of a control step where the world does not wait.
     pub fn step_ns(&self) -> u64 {
-        (f64::from(self.step_s) * 1e9) as u64
+        (f64::from(self.real_step_s) * 1e9) as u64
+    }
+
+    /// Nanoseconds after a step is sensed at which the decision about the next has to stand.
+    pub fn budget_ns(&self) -> u64 {
+        (self.step_ns() as f64 * f64::from(self.settings.race.budget)) as u64
     }
 
     /// Decides what to communicate one step after `belief`, knowing what the person does now where that is given.
-    /// `speech_ready_s`: seconds until an utterance may start, seen from the belief's step.
+    /// `speech_ready_s`: seconds until an utterance may start, seen from the belief's step; `until`: when the decision
+    /// has to stand, in real time.
     ///
     /// # Errors
     /// What the imagined people answer.
@@ -106,6 +115,7 @@ impl PlannerState {
         belief: &RobotBelief,
         acted: Option<&DriverAction>,
         speech_ready_s: f32,
+        until: Option<Instant>,
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
         let latent = self.latent();
@@ -132,6 +142,7 @@ impl PlannerState {
             seed: self.seed,
             episode: belief.header.episode,
             step: belief.header.step,
+            until,
         };
         let probability = self.probability.iter_mut().enumerate();
         match &mut self.planner {
@@ -159,8 +170,11 @@ impl PlannerState {
         out.value = plan.value;
         out.value_silent = plan.value_silent;
         out.cost = plan.cost;
-        out.samples = self.settings.samples as u32;
-        out.iterations = self.settings.iterations as u32;
+        let reasons = plan.reasons;
+        (out.gain_now, out.gain_later) = (reasons.gain_now, reasons.gain_later);
+        out.gain_error = reasons.gain_error;
+        (out.samples, out.iterations) = (reasons.rows, reasons.rounds);
+        out.futures = reasons.futures;
         let reason = match late {
             true => DecisionReason::Late,
             false => DecisionReason::Planned,

@@ -1,7 +1,7 @@
 //! Imagined people who live in the human-model process: questions are written into shared memory, answers read from it.
 
 use messages::{CHOICES, HumanBelief, ImaginePhase, ImagineRequest, ImagineStatus, MAX_GROUP};
-use models::imagined::Moment;
+use models::imagined::{Futures, Moment};
 use models::{Communicated, Observations};
 use nn::Tensor;
 use planning::planner::GROUPS;
@@ -20,11 +20,11 @@ struct PendingAnswer {
 }
 
 impl PendingAnswers {
-    /// Room for groups of together `samples` people, each with so many numbers to an action.
-    pub fn new(samples: usize, actions: usize) -> Self {
+    /// Room for groups of `rows` people, each with so many numbers to an action.
+    pub fn new(rows: usize, actions: usize) -> Self {
         Self {
             groups: core::array::from_fn(|_| PendingAnswer {
-                actions: Tensor::new(actions, samples / GROUPS),
+                actions: Tensor::new(actions, rows),
                 rows: 0,
                 answered: false,
             }),
@@ -119,11 +119,14 @@ impl ImaginedPeople for RemotePeople<'_> {
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.send(group, rows, |question| {
             question.phase = ImaginePhase::Start.wire();
+            question.first_future = futures.first as u32;
+            question.futures = futures.count as u32;
             question.seed = seed;
             question.action_known = u32::from(known_action.is_some());
             question.action = [0.0; CHOICES];
@@ -152,9 +155,16 @@ impl ImaginedPeople for RemotePeople<'_> {
             let Observations { visual, verbal } = observations;
             show(question, visual);
             question.verbal_width = verbal.rows() as u32;
-            // Without a word to anybody, all of this is masked, if people hear nobody else.
-            if hears || communicated.iter().any(|bits| bits.verbal_bits() != 0) {
+            if hears {
                 say(question, verbal);
+                return;
+            }
+            // What is said to nobody is masked.
+            let width = verbal.rows();
+            let told = communicated.iter().enumerate();
+            for (j, _) in told.filter(|(_, bits)| bits.verbal_bits() != 0) {
+                let words = &mut question.verbal[j * width..(j + 1) * width];
+                words.copy_from_slice(verbal.column(j));
             }
         })
     }

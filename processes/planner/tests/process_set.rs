@@ -12,7 +12,7 @@ use models::imagined::ImaginedGroups;
 use models::utterances::{Said, UtteranceTable};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
-use planner::PlannerState;
+use planner::{PlannerMethod, PlannerOptions, PlannerState};
 use planning::LocalPeople;
 use planning::planner::GROUPS;
 use support::{Script, Set};
@@ -35,8 +35,10 @@ fn without_header<M: Message>(message: &M) -> &[u8] {
     &message.bytes()[size_of::<messages::Header>()..]
 }
 
-fn in_processes() -> Sent {
-    let mut set = Set::start(runtime::ClockMode::Lockstep);
+fn in_processes(method: PlannerMethod) -> Sent {
+    let processes = ["belief", "human", "planner"];
+    let clock = runtime::ClockMode::Lockstep;
+    let mut set = Set::start_with(clock, &processes, options_of(method));
     let mut sent = Sent::default();
     for episode in 0..EPISODES {
         let mut script = Script::new(episode);
@@ -65,14 +67,14 @@ fn in_processes() -> Sent {
 }
 
 /// The same without any process: written against the libraries, not against the processes' own code.
-fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
-    let options = support::options();
+fn in_process(method: PlannerMethod) -> (Vec<CommAction>, Vec<Beliefs>) {
+    let options = options_of(method);
     let model = support::self_model();
     let mut human = support::human();
     let mut tracker = belief::Tracker::new(support::self_model());
     let mut state = PlannerState::highway(&options, model.clone());
     let table = UtteranceTable::shipped().expect("the table ships");
-    let rows = options.settings.samples / GROUPS;
+    let rows = options.settings.most_rows();
     let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
     let mut pending = vec![Tensor::new(2, rows); GROUPS];
     let shape = model.sizes.shape;
@@ -110,7 +112,7 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
             };
             let ready_s = display.speech_ready_s;
             state
-                .plan(&robot, Some(&action), ready_s, &mut local)
+                .plan(&robot, Some(&action), ready_s, None, &mut local)
                 .expect("local people answer");
             before = Some(action);
             let mut out = CommAction::ZERO;
@@ -121,11 +123,33 @@ fn in_process() -> (Vec<CommAction>, Vec<Beliefs>) {
     (decisions, people)
 }
 
+fn options_of(method: PlannerMethod) -> PlannerOptions {
+    let mut options = PlannerOptions {
+        method,
+        ..support::options()
+    };
+    if method == PlannerMethod::Race {
+        // An untrained model's gains are as small as they are accidental.
+        (options.settings.visual_cost, options.settings.verbal_cost) = (0.0, 0.0);
+        options.settings.race.certainty = 0.0;
+    }
+    options
+}
+
+#[test]
+fn processes_race_as_one_process_does() {
+    decide_the_same(PlannerMethod::Race);
+}
+
 #[test]
 fn processes_decide_what_one_process_decides() {
-    let first = in_processes();
-    let second = in_processes();
-    let (decisions, people) = in_process();
+    decide_the_same(PlannerMethod::Ce);
+}
+
+fn decide_the_same(method: PlannerMethod) {
+    let first = in_processes(method);
+    let second = in_processes(method);
+    let (decisions, people) = in_process(method);
     let count = (EPISODES * STEPS) as usize;
     assert_eq!(
         [
@@ -174,13 +198,13 @@ fn processes_decide_what_one_process_decides() {
 
 #[test]
 fn another_seed_decides_otherwise() {
-    let probabilities = |seed| {
+    let gains = |seed| {
         let mut options = support::options();
         options.seed = seed;
         let model = support::self_model();
         let mut human = support::human();
         let mut state = PlannerState::highway(&options, model.clone());
-        let rows = options.settings.samples / GROUPS;
+        let rows = options.settings.most_rows();
         let mut groups = ImaginedGroups::new(&human, GROUPS, rows);
         let mut pending = vec![Tensor::new(2, rows); GROUPS];
         let mut person = Beliefs::new(human.latent(), 1);
@@ -193,14 +217,14 @@ fn another_seed_decides_otherwise() {
             pending: &mut pending,
         };
         state
-            .plan(&robot, None, 0.0, &mut local)
+            .plan(&robot, None, 0.0, None, &mut local)
             .expect("local people answer");
         let mut out = CommAction::ZERO;
         state.write(false, &mut out);
-        (out.visual_probability, out.verbal_probability)
+        (out.gain_now, out.gain_error)
     };
-    assert_eq!(probabilities(1), probabilities(1));
-    assert_ne!(probabilities(1), probabilities(2));
+    assert_eq!(gains(1), gains(1));
+    assert_ne!(gains(1), gains(2));
 }
 
 /// [`ModelledPerson`] is what the process keeps; its beliefs do not depend on the questions that it answers in between.
@@ -223,6 +247,7 @@ fn questions_leave_the_person_untouched() {
         (question.header.episode, question.header.step) = (frame.header.episode, step);
         for phase in [ImaginePhase::Start, ImaginePhase::Perceive] {
             (question.phase, question.rows, question.seed) = (phase.wire(), 7, u64::from(step));
+            question.futures = 7;
             asked.answer(&question, &mut answer);
             assert_eq!(answer.status(), Ok(ImagineStatus::Answered));
         }

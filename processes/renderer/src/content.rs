@@ -143,8 +143,9 @@ fn highlight(frame: &LidarFrame, visual: u32, display: &mut Display) {
     for sector in (0..SECTORS).filter(|sector| visual >> sector & 1 == 1) {
         let (first, last) = SECTOR_AZIMUTHS[sector];
         for azimuth in (first..=last).filter(|azimuth| displayable(*azimuth)) {
-            display.highlighted |= 1 << sector;
             let (object, count) = (frame.object[azimuth], display.object_count as usize);
+            // Where there is no car, there is nothing to highlight.
+            display.highlighted |= u32::from(object >= 0) << sector;
             let is_new = object >= 0 && !display.objects[..count].contains(&object);
             if is_new && count < display.objects.len() {
                 display.objects[count] = object;
@@ -215,6 +216,8 @@ mod tests {
         // Left-rear and rear are behind the head-up display's reach.
         assert_eq!(display.highlighted, 0b00_0011);
         assert_eq!(display.object_count, 2);
+        // Right-front is within reach, and empty.
+        assert_eq!(render(&mut renderer, &frame, 0b10_0000, &[]).highlighted, 0);
         assert_eq!(display.objects[..3], [7, 4, -1]);
         assert_eq!(display.utterance_count, 0);
     }
@@ -296,7 +299,11 @@ mod tests {
         let shown: Vec<_> = (4..9)
             .map(|step| {
                 let mut display = Display::ZERO;
-                renderer.render(&frame(step, &[]), Some(&decision), &mut display);
+                renderer.render(
+                    &frame(step, &[(0, 1, 5.0, 1.0)]),
+                    Some(&decision),
+                    &mut display,
+                );
                 (display.highlighted, display.utterance_count)
             })
             .collect();

@@ -2,6 +2,7 @@
 //! an assistant; every person drives all six cases under every condition.
 
 use crate::drive_report::Report;
+use crate::oracle::Oracle;
 use crate::table::{Table, ensure_same};
 use anyhow::Context;
 use domains::highway::SECTORS;
@@ -44,11 +45,15 @@ pub enum Condition {
     MirrorKl,
     /// Fog, planned with soft-Q imitation (SQIL).
     Sqil,
+    /// Fog, the MIRROR human model, the cross-entropy method in place of the race.
+    MirrorCe,
+    /// Fog, the race with the simulator as world and the person themselves as human model: the ceiling of what planning can do.
+    Ideal,
 }
 
 impl Condition {
     /// Every condition.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Clear,
         Self::Silent,
         Self::Everything,
@@ -58,6 +63,8 @@ impl Condition {
         Self::Bc,
         Self::MirrorKl,
         Self::Sqil,
+        Self::MirrorCe,
+        Self::Ideal,
     ];
 
     /// Its name in tables and on the command line.
@@ -72,6 +79,8 @@ impl Condition {
             Self::Bc => "bc",
             Self::MirrorKl => "mirror-kl",
             Self::Sqil => "sqil",
+            Self::MirrorCe => "mirror-ce",
+            Self::Ideal => "ideal",
         }
     }
 
@@ -80,32 +89,40 @@ impl Condition {
         Self::ALL.into_iter().find(|c| c.name() == name)
     }
 
-    /// The human model that plans under this condition.
+    /// The human model that plans under this condition; none where nobody plans, or the person themselves is it.
     pub const fn human(self) -> Option<Kind> {
         match self {
-            Self::Mirror | Self::MirrorKl => Some(Kind::Mirror),
+            Self::Mirror | Self::MirrorKl | Self::MirrorCe => Some(Kind::Mirror),
             Self::MirrorP => Some(Kind::MirrorP),
             Self::Myself => Some(Kind::Myself),
             Self::Bc => Some(Kind::Bc),
             Self::Sqil => Some(Kind::Sqil),
-            Self::Clear | Self::Silent | Self::Everything => None,
+            Self::Clear | Self::Silent | Self::Everything | Self::Ideal => None,
         }
     }
 
     /// About how many rounds without a planner one round takes, for the time that is left.
     const fn effort(self) -> usize {
-        match (self.human(), self.method()) {
-            (None, _) => 1,
-            (Some(_), Method::Kl) => 50,
-            (Some(_), Method::Ce) => 1000,
+        match (self, self.human(), self.method()) {
+            (Self::Ideal, ..) => 300,
+            (_, None, _) => 1,
+            (_, Some(_), Method::Kl) => 50,
+            (_, Some(_), Method::Race) => 300,
+            (_, Some(_), Method::Ce) => 1000,
         }
+    }
+
+    /// Whether something is planned.
+    pub const fn plans(self) -> bool {
+        self.human().is_some() || matches!(self, Self::Ideal)
     }
 
     /// How what is said is decided, where there is a human model.
     pub const fn method(self) -> Method {
         match self {
             Self::MirrorKl => Method::Kl,
-            _ => Method::Ce,
+            Self::MirrorCe => Method::Ce,
+            _ => Method::Race,
         }
     }
 }
@@ -178,9 +195,9 @@ pub fn run(
     };
     let (mut jobs, mut total) = (Vec::new(), 0);
     for &condition in &study.conditions {
-        let seeds = match condition.human() {
-            Some(_) => study.planned_seeds,
-            None => study.seeds,
+        let seeds = match condition.plans() {
+            true => study.planned_seeds,
+            false => study.seeds,
         };
         for person in 1..=study.people {
             for seed in study.seed..study.seed + seeds {
@@ -231,6 +248,7 @@ pub struct Rider {
     world: World,
     driver: SimulatedDriver,
     assistant: Option<Assistant>,
+    oracle: Option<Oracle>,
     settings: Settings,
     presenter: Presenter,
     table: UtteranceTable,
@@ -282,6 +300,7 @@ impl Rider {
             world,
             driver,
             assistant,
+            oracle: (condition == Condition::Ideal).then(|| Oracle::new(study.settings)),
             settings: study.settings,
             table: UtteranceTable::shipped()?,
             verbal: vec![0.0; SECTORS * PER_SECTOR],
@@ -320,6 +339,15 @@ impl Rider {
                     speech_ready_steps: self.presenter.ready_in(step + 1) as usize,
                 };
                 decision = assistant.decide(Some(action), moment)?;
+            }
+            if let Some(oracle) = &mut self.oracle {
+                let moment = PlanMoment {
+                    seed,
+                    episode,
+                    step,
+                    speech_ready_steps: self.presenter.ready_in(step + 1) as usize,
+                };
+                decision = oracle.decide(&self.world, &self.driver, action, moment)?;
             }
             taken = action;
             let outcome = self.world.step(action);

@@ -7,6 +7,7 @@ pub mod drive;
 pub mod drive_report;
 pub mod gridworld;
 pub mod implants;
+pub mod oracle;
 pub mod plot;
 pub mod real;
 pub mod results;

@@ -150,12 +150,13 @@ message! {
 
 message! {
     /// What to communicate at step k, decided at k−1.
-    pub struct CommAction, "2" {
+    pub struct CommAction, "3" {
         /// Header.
         pub header: Header,
-        /// Probability of each visual item after the last iteration.
+        /// Probability of each visual item after the cross-entropy method's last iteration; from the other planners, 1 for
+        /// what is shown and 0 for what is not.
         pub visual_probability: [f32; VISUAL_ITEMS],
-        /// Probability of each verbal item after the last iteration.
+        /// The same of each verbal item.
         pub verbal_probability: [f32; VERBAL_ITEMS],
         /// A bit per visual item to show; on the highway, per sector to highlight.
         pub visual: u32,
@@ -167,13 +168,21 @@ message! {
         pub value_silent: f32,
         /// Communication cost of this step.
         pub cost: f32,
+        /// What the best way of communicating something now gains over silence, less its cost (`race`).
+        pub gain_now: f32,
+        /// What the best way of waiting with it gains over silence, less its cost (`race`).
+        pub gain_later: f32,
+        /// Standard error of the difference that decided (`race`).
+        pub gain_error: f32,
         /// [`DecisionReason`](crate::DecisionReason): 0 planned, 1 no planner, 2 the human model gave no answer, 3
         /// late.
         pub reason: u32,
-        /// Imagined futures.
+        /// Imagined rounds of all candidates together: the people that the human model was asked about.
         pub samples: u32,
-        /// Iterations of the cross-entropy method.
+        /// Iterations of the cross-entropy method, or rounds of the race.
         pub iterations: u32,
+        /// Futures that what was decided rests on: in `race`, those that the last candidates lived through.
+        pub futures: u32,
     } header: yes
 }
 
@@ -232,7 +241,7 @@ message! {
 
 message! {
     /// A question to the human model: "if this group of imagined people saw this, what would they do?"
-    pub struct ImagineRequest, "3" {
+    pub struct ImagineRequest, "4" {
         /// Header; `step` is the step planned from.
         pub header: Header,
         /// Seed of this question's noise; with it the answer is a pure function of the belief and the question.
@@ -240,11 +249,16 @@ message! {
         /// Group of imagined people; the human model keeps each group's beliefs from question to question.
         pub group: u32,
         /// [`ImaginePhase`](crate::ImaginePhase). 0: start from the current belief. 1: perceive what is below, then
-        /// act. 2: forget the group. 3: no group, but how far from the robot's belief would the person's be, had they
+        /// act; people beyond the group's until now have been as the first of their future. 2: forget the group. 3: no group, but how far from the robot's belief would the person's be, had they
         /// perceived what is below after `action`?
         pub phase: u32,
         /// People in the group.
         pub rows: u32,
+        /// Number of the group's first future among those of all groups (phase 0).
+        pub first_future: u32,
+        /// Futures of the group (phase 0): person j lives in future j modulo this, and what is left to chance in a future
+        /// is the same for everybody in it.
+        pub futures: u32,
         /// 1 if `action` is what the person really does at this step (phases 0 and 3).
         pub action_known: u32,
         /// See `action_known`: throttle/brake and steer, or a 1 in the place of a discrete action.
@@ -258,7 +272,8 @@ message! {
         /// Imagined visual modality x̂, a person after the other without gaps, as models see it. Highway: 108 ×
         /// nearness (1 − range/40 m), then the ego values times 60, 2, 2, 2, 60.
         pub visual: [f32; MAX_GROUP * VISUAL_NUMBERS],
-        /// Imagined verbal modality x̂, a person after the other without gaps.
+        /// Imagined verbal modality x̂, a person after the other without gaps. Where people hear nobody but the assistant,
+        /// what stands here for those who are told nothing has no meaning.
         pub verbal: [f32; MAX_GROUP * VERBAL_NUMBERS],
         /// Mean of z^R at the step after (phase 3).
         pub robot_mean: [f32; LATENT],

@@ -46,13 +46,15 @@ impl<I: Items> Assistant<I> {
     /// An assistant that observed nothing yet and communicates `items`. Settings must have no [`Settings::problem`].
     pub fn new(
         model: Arc<SelfModel>,
-        human: Box<dyn HumanModel>,
+        mut human: Box<dyn HumanModel>,
         settings: Settings,
         method: Method,
         items: I,
     ) -> Self {
         let shape = model.sizes.shape;
-        let rows = settings.samples / GROUPS;
+        let rows = settings.most_rows();
+        let mut groups = ImaginedGroups::new(&*human, GROUPS, rows);
+        groups.warm(&mut *human, &shape, rows);
         Self {
             planner: Chooser::with_items(method, settings, &*model, items),
             filter: Filter::new(model.sizes.latent, 1),
@@ -61,7 +63,7 @@ impl<I: Items> Assistant<I> {
             observations: Observations::new(&shape, 1),
             observed: Tensor::new(model.view.rows(), 1),
             action: Tensor::new(shape.action, 1),
-            groups: ImaginedGroups::new(&*human, GROUPS, rows),
+            groups,
             pending: vec![Tensor::new(shape.action, rows); GROUPS],
             noise: vec![0.0; human.noise_rows()],
             model,
@@ -184,5 +186,6 @@ fn from<'a>(
         seed: moment.seed,
         episode: moment.episode,
         step: moment.step,
+        until: None,
     }
 }

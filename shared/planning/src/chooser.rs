@@ -4,24 +4,36 @@ use crate::items::{Items, Sectors};
 use crate::matching::Matcher;
 use crate::people::{ImaginedPeople, PeopleError};
 use crate::planner::{BITS, Decision, From, Plan, Planner, Settings};
+use crate::race_planner::RacePlanner;
 use models::{SelfModel, WorldModel};
 
 /// How to decide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Cross-entropy over imagined futures.
+    /// A race of candidates through the same futures.
     #[default]
+    Race,
+    /// Cross-entropy over imagined futures.
     Ce,
     /// Belief matching, with no regard to reward (MIRROR-KL).
     Kl,
 }
 
-/// A planner of either method, in any domain.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one, and it lives as long as the run"
-)]
+impl Method {
+    /// Its name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Race => "race",
+            Self::Ce => "ce",
+            Self::Kl => "kl",
+        }
+    }
+}
+
+/// A planner of any method, in any domain.
 pub enum Chooser<M: WorldModel = SelfModel, I: Items = Sectors> {
+    /// See [`Method::Race`].
+    Race(RacePlanner<M, I>),
     /// See [`Method::Ce`].
     Ce(Planner<M, I>),
     /// See [`Method::Kl`].
@@ -62,6 +74,7 @@ impl<M: WorldModel, I: Items> Chooser<M, I> {
     /// A planner for this world model and these items. Settings must have no [`Settings::problem`].
     pub fn with_items(method: Method, settings: Settings, model: &M, items: I) -> Self {
         match method {
+            Method::Race => Self::Race(RacePlanner::with_items(settings, model, items)),
             Method::Ce => Self::Ce(Planner::with_items(settings, model, items)),
             Method::Kl => Self::Kl(Matcher::with_items(settings, model, items)),
         }
@@ -78,14 +91,16 @@ impl<M: WorldModel, I: Items> Chooser<M, I> {
         people: &mut dyn ImaginedPeople,
     ) -> Result<Plan, PeopleError> {
         match self {
+            Self::Race(planner) => planner.search(model, from, people),
             Self::Ce(planner) => planner.search(model, from, people),
             Self::Kl(matcher) => matcher.search(model, from, people),
         }
     }
 
-    /// Probability of an item in the last plan's first decision: visual items, then verbal ones.
+    /// Probability of an item in the last plan's first decision, 0 or 1 but with [`Method::Ce`]: visual items, then verbal ones.
     pub fn probability(&self, item: usize) -> f32 {
         match self {
+            Self::Race(planner) => planner.probability(item),
             Self::Ce(planner) => planner.probability(item),
             Self::Kl(matcher) => matcher.probability(item),
         }

@@ -5,6 +5,7 @@ use crate::people::{ImaginedPeople, PeopleError};
 use crate::planner::{GROUPS, mix};
 use domains::Layout;
 use domains::discrete::{Mind, SimulatedPerson};
+use models::imagined::Futures;
 use models::{Communicated, Observations};
 use nn::Tensor;
 
@@ -13,6 +14,7 @@ pub struct IdealPeople {
     person: SimulatedPerson,
     actions: usize,
     groups: [Vec<SimulatedPerson>; GROUPS],
+    futures: [Futures; GROUPS],
     /// What each of a group did last: an answer that was not fetched yet.
     done: [Vec<usize>; GROUPS],
 }
@@ -24,6 +26,7 @@ impl IdealPeople {
             person: person.clone(),
             actions: layout.actions.rows(),
             groups: Default::default(),
+            futures: [Futures::each_their_own(1); GROUPS],
             done: Default::default(),
         }
     }
@@ -39,16 +42,18 @@ impl ImaginedPeople for IdealPeople {
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
+        self.futures[group] = futures;
         let (people, done) = (&mut self.groups[group], &mut self.done[group]);
         people.resize(rows, self.person.clone());
         done.resize(rows, 0);
         let known = known_action.map(models::policy::largest);
         for (j, (person, done)) in people.iter_mut().zip(done).enumerate() {
             person.clone_from(&self.person);
-            person.reseed(mix(&[seed, group as u64]), 0, j as u64);
+            person.reseed(mix(&[seed, group as u64]), 0, futures.of(j) as u64);
             // Where their action is known, they have acted already.
             *done = known.unwrap_or_else(|| person.act());
         }
@@ -60,10 +65,17 @@ impl ImaginedPeople for IdealPeople {
         group: usize,
         observations: &Observations,
         communicated: &[Communicated],
-        _seed: u64,
+        seed: u64,
     ) -> Result<(), PeopleError> {
-        let people = self.groups[group].iter_mut().zip(&mut self.done[group]);
-        for (j, (person, done)) in people.enumerate() {
+        let futures = self.futures[group];
+        let (people, done) = (&mut self.groups[group], &mut self.done[group]);
+        for j in people.len()..communicated.len() {
+            people.push(people[j % futures.count].clone());
+            done.push(done[j % futures.count]);
+        }
+        for (j, (person, done)) in people.iter_mut().zip(done).enumerate() {
+            // What they have drawn so far depends on what they were told; what they draw next shall not.
+            person.reseed(mix(&[seed, group as u64]), 0, futures.of(j) as u64);
             let (visual, verbal) = (observations.visual.column(j), observations.verbal.column(j));
             let seen = person.look(visual);
             person.perceive(visual, verbal, seen | communicated[j].mask());

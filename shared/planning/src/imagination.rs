@@ -11,13 +11,17 @@
 //! 7. z^H_t ~ q(z^H_t | z^H_{t−1}, ǎ^H_{t−1}, x̊_t)
 
 use crate::people::{ImaginedPeople, PeopleError};
+use models::imagined::{Futures, repeat, repeat_columns};
 use models::{Communicated, Observations, SelfModel, WorldModel};
 use nn::{Tensor, noise};
 
 /// One group's imagined futures.
 pub struct Imagination<M: WorldModel = SelfModel> {
     group: usize,
-    rows: usize,
+    /// Room for so many people.
+    most_rows: usize,
+    /// Which future each of them lives in.
+    futures: Futures,
     /// Whether people hear words without an assistant.
     hears: bool,
     z: Tensor,
@@ -26,7 +30,10 @@ pub struct Imagination<M: WorldModel = SelfModel> {
     reward: Tensor,
     noise: Vec<f32>,
     scratch: M::Scratch,
-    /// Discounted sum of rewards so far, one per future.
+    /// z and words of those who are told something.
+    told: Tensor,
+    words: Tensor,
+    /// Discounted sum of rewards so far, one per person.
     pub returns: Vec<f32>,
 }
 
@@ -42,41 +49,62 @@ pub struct Stage {
 }
 
 impl<M: WorldModel> Imagination<M> {
-    /// Room for `rows` futures; `hears`: whether people hear words without an assistant.
+    /// Room for `rows` people; `hears`: whether they hear words without an assistant.
     pub fn new(model: &M, group: usize, rows: usize, hears: bool) -> Self {
         let (latent, shape) = (model.latent(), model.shape());
         Self {
             group,
-            rows,
+            most_rows: rows,
+            futures: Futures::each_their_own(rows),
             hears,
             z: Tensor::new(latent, rows),
             actions: Tensor::new(shape.action, rows),
             observations: Observations::new(&shape, rows),
             reward: Tensor::new(1, rows),
-            noise: vec![0.0; latent * rows],
+            noise: Vec::with_capacity(latent * rows),
             scratch: model.scratch(),
-            returns: vec![0.0; rows],
+            told: Tensor::new(latent, rows),
+            words: Tensor::new(shape.verbal, rows),
+            returns: Vec::with_capacity(rows),
         }
     }
 
-    /// Futures in the group.
-    pub fn rows(&self) -> usize {
-        self.rows
+    /// Makes the memory that a step of the most people takes, so that no later step allocates, whatever its size.
+    pub fn warm(&mut self, model: &M) {
+        let rows = self.most_rows;
+        self.z.resize_to(model.latent(), rows);
+        self.z.fill(0.0);
+        self.actions.fill(0.0);
+        self.fill_noise(rows, 0);
+        let (s, z) = (&mut self.scratch, &mut self.z);
+        model.advance(s, z, &self.actions, &self.noise);
+        model.visual(s, z, &mut self.observations.visual);
+        model.verbal(s, z, &mut self.words);
+        model.reward(s, z, &mut self.reward);
     }
 
-    /// Samples z^R_{t−1} from the robot's belief and starts the group of imagined people.
+    /// The most people that there is room for.
+    pub fn most_rows(&self) -> usize {
+        self.most_rows
+    }
+
+    /// Samples z^R_{t−1} from the robot's `belief`, mean and deviation, and starts the group of imagined people, each in their
+    /// future.
     pub fn start(
         &mut self,
-        mean: &Tensor,
-        deviation: &Tensor,
+        belief: [&Tensor; 2],
+        rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
-        people.start(self.group, self.rows, seed, known_action)?;
-        noise::fill(&mut self.noise, seed, ROBOT_STREAM);
-        let (mean, deviation) = (mean.column(0), deviation.column(0));
-        for j in 0..self.rows {
+        people.start(self.group, rows, futures, seed, known_action)?;
+        self.futures = futures;
+        self.fill_noise(rows, seed);
+        let [mean, deviation] = belief.map(|tensor| tensor.column(0));
+        self.z.resize_to(mean.len(), rows);
+        for j in 0..rows {
             let noise = &self.noise[j * mean.len()..(j + 1) * mean.len()];
             for (((z, mean), deviation), noise) in self
                 .z
@@ -89,13 +117,32 @@ impl<M: WorldModel> Imagination<M> {
                 *z = mean + deviation * noise;
             }
         }
-        self.returns.fill(0.0);
+        self.returns.clear();
+        self.returns.resize(rows, 0.0);
         Ok(())
+    }
+
+    /// Noise of the robot's side for so many people: the future's own, whoever lives in it.
+    fn fill_noise(&mut self, rows: usize, seed: u64) {
+        let width = self.z.rows();
+        self.noise.resize(width * rows, 0.0);
+        let own = width * self.futures.count.min(rows);
+        noise::fill(&mut self.noise[..own], seed, ROBOT_STREAM);
+        repeat(&mut self.noise, own);
+    }
+
+    /// Waits for an answer that nobody needs any more.
+    ///
+    /// # Errors
+    /// What the people answer.
+    pub fn drain(&mut self, people: &mut dyn ImaginedPeople) -> Result<(), PeopleError> {
+        people.answer(self.group, &mut self.actions)
     }
 
     /// One time step. The people's actions are awaited (step 1), the robot's world moves on (2), what it would sense is
     /// imagined (3) and shown to the people with `communicated` (4 to 7), whose answer is awaited by the next call: the
-    /// other group can be advanced meanwhile. The reward is decoded while they think.
+    /// other group can be advanced meanwhile. The reward is decoded while they think. Where `communicated` is of more people
+    /// than there were, the others have been as the first of the same future until now.
     pub fn step(
         &mut self,
         model: &M,
@@ -105,15 +152,18 @@ impl<M: WorldModel> Imagination<M> {
         people: &mut dyn ImaginedPeople,
     ) -> Result<(), PeopleError> {
         people.answer(self.group, &mut self.actions)?;
-        noise::fill(&mut self.noise, stage.seed, ROBOT_STREAM);
+        let (rows, count) = (communicated.len(), self.futures.count);
+        repeat_columns(&mut self.actions, count, rows);
+        repeat_columns(&mut self.z, count, rows);
+        for j in self.returns.len()..rows {
+            self.returns.push(self.returns[j % count]);
+        }
+        self.fill_noise(rows, stage.seed);
         model.advance(&mut self.scratch, &mut self.z, &self.actions, &self.noise);
         if !last {
-            let Observations { visual, verbal } = &mut self.observations;
+            let visual = &mut self.observations.visual;
             model.visual(&mut self.scratch, &self.z, visual);
-            // What nobody is told need not be imagined: the mask hides what stands there from an earlier step.
-            if self.hears || communicated.iter().any(|c| c.verbal_bits() != 0) {
-                model.verbal(&mut self.scratch, &self.z, verbal);
-            }
+            self.imagine_words(model, communicated);
             people.ask(self.group, &self.observations, communicated, stage.seed)?;
         }
         model.reward(&mut self.scratch, &self.z, &mut self.reward);
@@ -122,6 +172,34 @@ impl<M: WorldModel> Imagination<M> {
             *sum += weight * reward;
         }
         Ok(())
+    }
+
+    /// What could be said to those who are told something, or hear others. What nobody is told need not be imagined: the mask
+    /// hides what stands there from an earlier step.
+    fn imagine_words(&mut self, model: &M, communicated: &[Communicated]) {
+        let verbal = &mut self.observations.verbal;
+        if self.hears {
+            model.verbal(&mut self.scratch, &self.z, verbal);
+            return;
+        }
+        verbal.resize_to(self.words.rows(), communicated.len());
+        let told = || (0..communicated.len()).filter(|&j| communicated[j].verbal_bits() != 0);
+        let count = told().count();
+        if count == 0 {
+            return;
+        }
+        self.told.resize_to(self.z.rows(), count);
+        for (place, j) in told().enumerate() {
+            self.told
+                .column_mut(place)
+                .copy_from_slice(self.z.column(j));
+        }
+        model.verbal(&mut self.scratch, &self.told, &mut self.words);
+        for (place, j) in told().enumerate() {
+            verbal
+                .column_mut(j)
+                .copy_from_slice(self.words.column(place));
+        }
     }
 
     /// Adds what the critic expects after the horizon, of the last action the people chose: `γ^T · w · Q(z^R_T, ǎ_T)`.

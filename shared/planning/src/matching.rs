@@ -11,8 +11,8 @@
 
 use crate::items::{Items, Sectors};
 use crate::people::{ImaginedPeople, PeopleError};
-use crate::planner::{Decision, From, Plan, Settings, mix};
-use models::imagined::Moment;
+use crate::planner::{Decision, From, Plan, Reasons, Settings, mix};
+use models::imagined::{Futures, Moment};
 use models::{Communicated, Observations, SelfModel, WorldModel};
 use nn::Tensor;
 
@@ -120,7 +120,7 @@ impl<M: WorldModel, I: Items> Matcher<M, I> {
             Some(action) => self.action.column_mut(0).copy_from_slice(action.as_ref()),
             None => {
                 let place = [from.seed, u64::from(from.episode), u64::from(from.step)];
-                people.start(0, 1, mix(&place), None)?;
+                people.start(0, 1, Futures::each_their_own(1), mix(&place), None)?;
                 people.answer(0, &mut self.action)?;
             }
         }
@@ -156,6 +156,7 @@ impl<M: WorldModel, I: Items> Matcher<M, I> {
             value: -divergence[best],
             value_silent: -divergence[0],
             cost: self.items.cost(&self.settings, self.chosen),
+            reasons: Reasons::default(),
         })
     }
 

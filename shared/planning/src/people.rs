@@ -1,7 +1,7 @@
 //! The planner's only view of a human model: a group of imagined people that can be started, shown something, and
 //! asked what they do. Asking and answering are apart, so that two groups keep two processes busy at once.
 
-use models::imagined::{ImaginedGroups, Moment};
+use models::imagined::{Futures, ImaginedGroups, Moment};
 use models::{Beliefs, Communicated, HumanModel, Observations};
 use nn::Tensor;
 use thiserror::Error;
@@ -32,16 +32,19 @@ pub enum PeopleError {
 /// Groups of imagined people.
 pub trait ImaginedPeople {
     /// Starts `group` with `rows` people who believe what the person believes now; their first action is `known_action`
-    /// where the person's present action is known.
+    /// where the person's present action is known. `futures`: which future each lives in; what is left to chance in one is the
+    /// same for everybody in it.
     fn start(
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError>;
 
-    /// Shows `group` what it would observe and be told.
+    /// Shows `group` what it would observe and be told. Where it has fewer people than that, the others have been as the first of
+    /// the same future until now.
     fn ask(
         &mut self,
         group: usize,
@@ -78,12 +81,14 @@ impl ImaginedPeople for LocalPeople<'_> {
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
+        let (model, person) = (&mut *self.model, self.person);
         let actions = self
             .groups
-            .start(self.model, self.person, group, rows, seed, known_action)
+            .start(model, person, group, rows, futures, seed, known_action)
             .map_err(|_| PeopleError::NoBelief)?;
         self.pending[group].resize_to(actions.rows(), actions.cols());
         self.pending[group].copy_from(actions);

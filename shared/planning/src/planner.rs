@@ -5,153 +5,30 @@ use crate::cross_entropy::Population;
 use crate::imagination::{Imagination, Stage};
 use crate::items::{Items, Sectors};
 use crate::people::{ImaginedPeople, PeopleError};
-use domains::highway::SECTORS;
-use domains::highway::modalities::azimuths_shown;
+pub use crate::settings::{BITS, GROUPS, RaceSettings, Settings};
+use models::imagined::Futures;
 use models::{Communicated, SelfModel, WorldModel};
 use nn::Tensor;
 pub use nn::noise::mix;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
+use std::time::Instant;
 
-/// Settings of the planner; the defaults are the paper's and, where it is silent, those of the authors' scripts.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Decisions ahead.
-    pub horizon: usize,
-    /// Control steps that each decision holds.
-    pub hold: usize,
-    /// Imagined futures.
-    pub samples: usize,
-    /// How many of them each candidate for what is communicated has: its value is their mean.
-    pub futures: usize,
-    /// Iterations of the cross-entropy method.
-    pub iterations: usize,
-    /// Candidates that the next distribution is fitted to.
-    pub elites: usize,
-    /// α of the update.
-    pub smoothing: f32,
-    /// First probability of every bit.
-    pub first_probability: f32,
-    /// Share of the last plan, shifted by one step, in the first distribution.
-    pub warm_start: f32,
-    /// γ per control step.
-    pub discount: f32,
-    /// Weight of the task reward against communication costs.
-    pub reward_weight: f32,
-    /// Cost of an azimuth that is highlighted.
-    pub visual_cost: f32,
-    /// Cost of n utterances: this times n³.
-    pub verbal_cost: f32,
-    /// A visual bit is sent above this probability.
-    pub visual_threshold: f32,
-    /// A verbal bit is sent above this probability.
-    pub verbal_threshold: f32,
-    /// Add the critic's value of the last imagined state: dangers that take longer than the horizon count too.
-    pub terminal_value: bool,
-    /// Futures in which nothing is said, for comparison.
-    pub silent: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            horizon: 4,
-            hold: 2,
-            samples: 1000,
-            futures: 1,
-            iterations: 3,
-            elites: 200,
-            smoothing: 0.8,
-            first_probability: 0.35,
-            warm_start: 0.75,
-            discount: 0.9,
-            reward_weight: 10.0,
-            visual_cost: 0.02,
-            verbal_cost: 0.4,
-            visual_threshold: 0.15,
-            verbal_threshold: 0.3,
-            terminal_value: true,
-            silent: 20,
-        }
-    }
-}
-
-/// Bits of one decision on the highway: visual sectors, then verbal sectors.
-pub const BITS: usize = 2 * SECTORS;
-/// Imagined people are asked in this many groups, so that robot and human side work at the same time.
-pub const GROUPS: usize = 2;
-
-impl Settings {
-    /// C(ω): cost of one decision's bits.
-    pub fn cost(&self, communicated: Communicated) -> f32 {
-        let azimuths: usize = (0..SECTORS)
-            .filter(|&s| communicated.visual(s))
-            .map(azimuths_shown)
-            .sum();
-        let utterances = communicated.verbal_bits().count_ones() as f32;
-        self.visual_cost * azimuths as f32 + self.verbal_cost * utterances.powi(3)
-    }
-
-    /// Candidates of an iteration.
-    pub fn candidates(&self) -> usize {
-        self.samples / self.futures
-    }
-
-    /// A reason why these settings make no sense, if there is one.
-    pub fn problem(&self) -> Option<String> {
-        let unit = |x: f32| (0.0..=1.0).contains(&x);
-        if self.horizon == 0 || self.hold == 0 || self.iterations == 0 {
-            return Some("horizon, hold and iterations must be at least 1".into());
-        }
-        if self.horizon > 64 || self.hold > 64 || self.iterations > 1000 {
-            return Some("horizon and hold may be at most 64, iterations 1000".into());
-        }
-        if self.samples < 2 * GROUPS
-            || self.samples > GROUPS * 512
-            || !self.samples.is_multiple_of(GROUPS)
-        {
-            return Some(format!(
-                "samples must be an even number from {} to {}, not {}",
-                2 * GROUPS,
-                GROUPS * 512,
-                self.samples
-            ));
-        }
-        if self.futures == 0 || !self.samples.is_multiple_of(self.futures) {
-            return Some(format!(
-                "futures must divide samples ({}), not {}",
-                self.samples, self.futures
-            ));
-        }
-        if self.elites == 0 || self.elites > self.candidates() {
-            return Some(format!(
-                "elites must be from 1 to the number of candidates, samples / futures ({}), not {}",
-                self.candidates(),
-                self.elites
-            ));
-        }
-        if self.silent >= self.samples {
-            return Some(format!("silent must be below samples, not {}", self.silent));
-        }
-        if !unit(self.smoothing)
-            || !unit(self.first_probability)
-            || !unit(self.warm_start)
-            || !unit(self.discount)
-            || !unit(self.visual_threshold)
-            || !unit(self.verbal_threshold)
-        {
-            return Some("smoothing, first_probability, warm_start, discount and thresholds must lie in [0, 1]".into());
-        }
-        if ![self.reward_weight, self.visual_cost, self.verbal_cost]
-            .iter()
-            .all(|x| x.is_finite() && *x >= 0.0)
-        {
-            return Some("reward_weight and costs must be finite and not negative".into());
-        }
-        None
-    }
+/// Why something is, or is not, communicated now, and how much was imagined for that.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reasons {
+    /// What the best way of communicating something now gains over silence, its cost taken off (`race`).
+    pub gain_now: f32,
+    /// What the best way of waiting with it gains over silence, its cost taken off (`race`).
+    pub gain_later: f32,
+    /// Standard error of the difference that decided (`race`).
+    pub gain_error: f32,
+    /// Futures that the decision rests on: those that a candidate is valued by.
+    pub futures: u32,
+    /// Candidates × futures that were imagined, over all rounds or iterations.
+    pub rows: u32,
+    /// Rounds of the race, or iterations of the cross-entropy method.
+    pub rounds: u32,
 }
 
 /// What was decided for the next step in any domain; [`Planner::probability`] says how clearly.
@@ -159,12 +36,14 @@ impl Settings {
 pub struct Plan {
     /// Items to show and to say.
     pub communicated: Communicated,
-    /// Mean value of the last iteration's elites.
+    /// Predicted value: of what is communicated, or of the last iteration's elites.
     pub value: f32,
-    /// Mean value of the silent futures of the last iteration.
+    /// Predicted value of silence.
     pub value_silent: f32,
     /// C(ω) of `communicated`.
     pub cost: f32,
+    /// Why.
+    pub reasons: Reasons,
 }
 
 /// What was decided for the next step on the highway, and why.
@@ -174,12 +53,14 @@ pub struct Decision {
     pub communicated: Communicated,
     /// Probability of each bit of the first decision: visual, then verbal.
     pub probability: [f32; BITS],
-    /// Mean value of the last iteration's elites.
+    /// Predicted value: of what is communicated, or of the last iteration's elites.
     pub value: f32,
-    /// Mean value of the silent futures of the last iteration.
+    /// Predicted value of silence.
     pub value_silent: f32,
     /// C(ω) of `communicated`.
     pub cost: f32,
+    /// Why.
+    pub reasons: Reasons,
 }
 
 impl Decision {
@@ -191,6 +72,7 @@ impl Decision {
             value: plan.value,
             value_silent: plan.value_silent,
             cost: plan.cost,
+            reasons: plan.reasons,
         }
     }
 }
@@ -212,6 +94,8 @@ pub struct From<'a, A = [f32; 2]> {
     pub episode: u32,
     /// Step k.
     pub step: u32,
+    /// When the decision has to stand; none where everybody waits for it. Only the race minds it.
+    pub until: Option<Instant>,
 }
 
 impl<'a, A> From<'a, A> {
@@ -224,6 +108,7 @@ impl<'a, A> From<'a, A> {
             seed,
             episode,
             step,
+            until,
             ..
         } = self;
         From {
@@ -234,6 +119,7 @@ impl<'a, A> From<'a, A> {
             seed,
             episode,
             step,
+            until,
         }
     }
 }
@@ -250,6 +136,9 @@ pub struct Planner<M: WorldModel = SelfModel, I: Items = Sectors> {
     means: Vec<f32>,
     previous: Vec<f32>,
     planned: Option<(u32, u32)>,
+    /// What the robot believes to see.
+    seen: Tensor,
+    scratch: M::Scratch,
 }
 
 impl Planner {
@@ -279,6 +168,9 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
     pub fn with_items(settings: Settings, model: &M, items: I) -> Self {
         let rows = settings.samples / GROUPS;
         let (bits, hears) = (settings.horizon * items.count(), items.hears());
+        let (mut seen, mut scratch) = (Tensor::new(model.shape().visual, 1), model.scratch());
+        // Makes the memory that decoding the robot's belief takes.
+        model.visual(&mut scratch, &Tensor::new(model.latent(), 1), &mut seen);
         Self {
             settings,
             items,
@@ -291,6 +183,8 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             means: vec![0.0; settings.candidates()],
             previous: vec![settings.first_probability; bits],
             planned: None,
+            seen,
+            scratch,
         }
     }
 
@@ -302,7 +196,9 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         people: &mut dyn ImaginedPeople,
     ) -> Result<Plan, PeopleError> {
         self.warm_start(self.planned == Some((from.episode, from.step.wrapping_sub(1))));
-        self.forbid(from.speech_ready_steps);
+        model.visual(&mut self.scratch, from.mean, &mut self.seen);
+        let held = self.items.held(self.seen.column(0));
+        self.forbid(held, from.speech_ready_steps);
         let mut value = 0.0;
         for iteration in 0..self.settings.iterations {
             let seed = mix(&[
@@ -357,16 +253,19 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         }
     }
 
-    /// Nothing can be said while an utterance is still running, and nothing shown where the display does not reach.
-    fn forbid(&mut self, speech_ready_steps: usize) {
+    /// Nothing can be said while an utterance is still running, nothing shown where the display does not reach, and nothing of
+    /// either kind is communicated of what the robot does not believe to be there.
+    fn forbid(&mut self, held: Communicated, speech_ready_steps: usize) {
         let (visual, bits) = (self.items.visual_items(), self.items.count());
         let possible = self.items.possible();
         for (d, forbidden) in self.population.forbidden.chunks_exact_mut(bits).enumerate() {
             let speaking = d * self.settings.hold < speech_ready_steps;
             for (b, forbidden) in forbidden.iter_mut().enumerate() {
                 *forbidden = match b.checked_sub(visual) {
-                    None => !possible.visual(b),
-                    Some(utterance) => speaking || !possible.verbal(utterance),
+                    None => !(possible.visual(b) && held.visual(b)),
+                    Some(utterance) => {
+                        speaking || !(possible.verbal(utterance) && held.verbal(utterance))
+                    }
                 };
             }
         }
@@ -394,13 +293,16 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
         for (g, group) in self.groups.iter_mut().enumerate() {
             let seed = mix(&[seed, g as u64]);
             let known_action = from.known_action.as_ref().map(AsRef::as_ref);
-            group.start(from.mean, from.deviation, seed, known_action, people)?;
+            let rows = group.most_rows();
+            let futures = Futures::each_their_own(rows);
+            let belief = [from.mean, from.deviation];
+            group.start(belief, rows, futures, seed, known_action, people)?;
         }
         for t in 1..=steps {
             let decision = (t - 1) / hold;
             let speaks = (t - 1) % hold == 0; // an utterance is heard once, a highlight stays
             for (g, group) in self.groups.iter_mut().enumerate() {
-                let rows = group.rows();
+                let rows = group.most_rows();
                 for (j, bits) in self.communicated.iter_mut().enumerate() {
                     let candidate = (g * rows + j) / futures;
                     let sample = &self.population.candidate(candidate)
@@ -425,7 +327,7 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
                 };
                 group.finish(model, stage, people)?;
             }
-            let rows = group.rows();
+            let rows = group.most_rows();
             self.values[g * rows..(g + 1) * rows].copy_from_slice(&group.returns);
         }
         Ok(())
@@ -493,6 +395,12 @@ impl<M: WorldModel, I: Items> Planner<M, I> {
             value,
             value_silent: self.means[..silent].iter().sum::<f32>() / silent.max(1) as f32,
             cost: self.items.cost(&self.settings, communicated),
+            reasons: Reasons {
+                futures: self.settings.futures as u32,
+                rows: (self.settings.samples * self.settings.iterations) as u32,
+                rounds: self.settings.iterations as u32,
+                ..Reasons::default()
+            },
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::people::{ImaginedPeople, PeopleError};
 use crate::planner::GROUPS;
-use models::imagined::ImaginedGroups;
+use models::imagined::{Futures, ImaginedGroups};
 use models::{Beliefs, Communicated, HumanModel, Observations, Shape};
 use nn::Tensor;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -20,6 +20,7 @@ pub struct ThreadedPeople {
 struct Parcel {
     group: usize,
     rows: usize,
+    futures: Futures,
     seed: u64,
     /// Numbers of `known_action` that are used; 0 where the action is not known.
     known: usize,
@@ -31,7 +32,7 @@ struct Parcel {
 }
 
 impl ThreadedPeople {
-    /// Starts the thread. `person`: what the person believes; `rows`: people in each group; `shape`: the domain's.
+    /// Starts the thread. `person`: what the person believes; `rows`: the most people in a group; `shape`: the domain's.
     pub fn spawn(
         mut model: impl HumanModel + 'static,
         person: Beliefs,
@@ -46,7 +47,10 @@ impl ThreadedPeople {
                 let model = &mut model;
                 let known = (p.known > 0).then_some(&p.known_action[..p.known]);
                 let actions = match p.starts {
-                    true => groups.start(model, &person, p.group, p.rows, p.seed, known),
+                    true => {
+                        let (group, rows, futures) = (p.group, p.rows, p.futures);
+                        groups.start(model, &person, group, rows, futures, p.seed, known)
+                    }
                     false => groups.step(model, p.group, &p.observations, &p.communicated, p.seed),
                 };
                 // Without an answer the other side hears that nobody is there.
@@ -61,6 +65,7 @@ impl ThreadedPeople {
             Some(Box::new(Parcel {
                 group,
                 rows,
+                futures: Futures::each_their_own(rows),
                 seed: 0,
                 known: 0,
                 known_action: vec![0.0; shape.action],
@@ -89,11 +94,12 @@ impl ImaginedPeople for ThreadedPeople {
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
         self.send(group, |p| {
-            (p.starts, p.rows, p.seed) = (true, rows, seed);
+            (p.starts, p.rows, p.futures, p.seed) = (true, rows, futures, seed);
             let known = known_action.unwrap_or_default();
             p.known = known.len();
             p.known_action[..known.len()].copy_from_slice(known);
@@ -111,7 +117,8 @@ impl ImaginedPeople for ThreadedPeople {
             (p.starts, p.seed) = (false, seed);
             p.observations.visual.copy_from(&observations.visual);
             p.observations.verbal.copy_from(&observations.verbal);
-            p.communicated.copy_from_slice(communicated);
+            p.communicated.clear();
+            p.communicated.extend_from_slice(communicated);
         })
     }
 

@@ -6,7 +6,7 @@ use domains::Mask;
 use domains::discrete::{Discrete, Domain, Scene as GridScene, Setting, World};
 use domains::highway::modalities::layout;
 use domains::highway::{AZIMUTHS, BEAMS};
-use models::imagined::{ImaginedGroups, Moment};
+use models::imagined::{Futures, ImaginedGroups, Moment};
 use models::{
     Beliefs, Communicated, HumanModel, Implants, Kind, Observations, RecurrentHuman,
     RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
@@ -115,7 +115,14 @@ fn gridworld(domain: Domain) -> (Arc<SelfModel>, Box<dyn HumanModel>) {
 struct Table(Vec<(Communicated, f32)>);
 
 impl ImaginedPeople for Table {
-    fn start(&mut self, _: usize, _: usize, _: u64, _: Option<&[f32]>) -> Result<(), PeopleError> {
+    fn start(
+        &mut self,
+        _: usize,
+        _: usize,
+        _: Futures,
+        _: u64,
+        _: Option<&[f32]>,
+    ) -> Result<(), PeopleError> {
         Ok(())
     }
 
@@ -305,7 +312,14 @@ struct Counting {
 }
 
 impl ImaginedPeople for Counting {
-    fn start(&mut self, _: usize, _: usize, _: u64, _: Option<&[f32]>) -> Result<(), PeopleError> {
+    fn start(
+        &mut self,
+        _: usize,
+        _: usize,
+        _: Futures,
+        _: u64,
+        _: Option<&[f32]>,
+    ) -> Result<(), PeopleError> {
         Ok(())
     }
 

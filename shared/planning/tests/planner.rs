@@ -9,7 +9,7 @@ use models::imagined::ImaginedGroups;
 use models::{Beliefs, Communicated, Implants, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::planner::{BITS, GROUPS, Planner};
-use planning::{Decision, LocalPeople, PeopleError, Settings};
+use planning::{Decision, LocalPeople, PeopleError, RaceSettings, Settings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -24,6 +24,7 @@ fn settings() -> Settings {
     };
     Settings {
         samples: 200,
+        futures: 1,
         iterations: 6,
         elites: 30,
         terminal_value: false,
@@ -130,6 +131,20 @@ fn luck_is_not_taken_for_help() {
         let told = decision.communicated.verbal(2);
         assert_eq!(told, tells, "{futures} futures: {decision:?}");
     }
+}
+
+#[test]
+fn nothing_is_communicated_of_what_is_not_there() {
+    let everything = Communicated::new(0x3f, 0x3f);
+    let world = World::empty();
+    let mut people = Answers::listening_for(everything);
+    let mut planner = Planner::new(settings(), &world.model);
+    let decision = planner
+        .plan(&world.model, world.from(Start::default()), &mut people)
+        .expect("these people answer");
+    assert_eq!(decision.probability, [0.0; BITS]);
+    let told = |asked: &support::Asked| asked.communicated.iter().any(|c| c.0 != 0);
+    assert!(!people.asked.iter().any(told));
 }
 
 #[test]
@@ -286,6 +301,11 @@ fn people_who_do_not_answer_are_an_error_that_leaves_no_trace() {
 fn impossible_settings_have_a_problem() {
     assert_eq!(Settings::default().problem(), None);
     let d = Settings::default;
+    let race = |change: fn(&mut RaceSettings)| {
+        let mut settings = d();
+        change(&mut settings.race);
+        settings
+    };
     for (settings, word) in [
         (Settings { horizon: 0, ..d() }, "horizon"),
         (Settings { hold: 65, ..d() }, "hold"),
@@ -315,13 +335,7 @@ fn impossible_settings_have_a_problem() {
             "elites",
         ),
         (Settings { elites: 0, ..d() }, "elites"),
-        (
-            Settings {
-                elites: 1001,
-                ..d()
-            },
-            "elites",
-        ),
+        (Settings { elites: 201, ..d() }, "elites"),
         (
             Settings {
                 silent: 1000,
@@ -364,6 +378,11 @@ fn impossible_settings_have_a_problem() {
             },
             "costs",
         ),
+        (race(|race| race.steps = 0), "race_steps"),
+        (race(|race| race.first = 1), "race_first"),
+        (race(|race| race.futures = 4), "race_futures"),
+        (race(|race| race.certainty = -1.0), "race_certainty"),
+        (race(|race| race.budget = 0.0), "budget"),
     ] {
         let problem = settings.problem().expect("a problem");
         assert!(problem.contains(word), "{problem}");
@@ -383,6 +402,7 @@ fn plans_with_a_human_model_allocate_nothing_and_repeat() {
     let implants = Implants::new(&model, true, &mut rng);
     let settings = Settings {
         samples: 40,
+        futures: 1,
         elites: 8,
         silent: 4,
         ..Settings::default()

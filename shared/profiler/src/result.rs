@@ -84,6 +84,15 @@ pub struct Counts {
     pub repeated: u64,
     /// Messages whose step fits nowhere.
     pub unplaced: u64,
+    /// Decisions that were planned.
+    #[serde(default)]
+    pub plans: u64,
+    /// Futures that a decision rests on, on average.
+    #[serde(default)]
+    pub futures_per_plan: f64,
+    /// Candidates × futures imagined for a decision, on average.
+    #[serde(default)]
+    pub samples_per_plan: f64,
     /// Messages that the profiler lost, by topic. They are missing above; nobody else lost them.
     pub profiler_lost: BTreeMap<String, u64>,
     /// Deadlines that processes counted as missed while watched.
@@ -310,6 +319,9 @@ fn counts(observed: &Observed, processes: &BTreeMap<String, ProcessProfile>) -> 
         incomplete_steps,
         repeated: table.repeated,
         unplaced: table.unplaced,
+        plans: table.plans.plans,
+        futures_per_plan: table.plans.futures as f64 / table.plans.plans.max(1) as f64,
+        samples_per_plan: table.plans.samples as f64 / table.plans.plans.max(1) as f64,
         profiler_lost: observed.lost.clone(),
         missed_deadlines: reported().map(|reported| reported.missed_deadlines).sum(),
         lost_messages,

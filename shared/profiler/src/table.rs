@@ -1,7 +1,7 @@
 //! What was seen of every step: the headers of its messages, and of the questions and answers of its plan.
 
 use crate::graph::{GraphTopic, TOPICS};
-use messages::Header;
+use messages::{CommAction, DecisionReason, Header};
 use std::collections::{BTreeMap, VecDeque};
 
 /// On which of them a world lets itself be sensed.
@@ -89,6 +89,19 @@ pub struct StepTable {
     pub repeated: u64,
     /// Messages whose step was out of every order.
     pub unplaced: u64,
+    /// What was imagined for all decisions.
+    pub plans: PlanEffort,
+}
+
+/// What was imagined for decisions.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanEffort {
+    /// Decisions that were planned.
+    pub plans: u64,
+    /// Futures that they rest on, summed.
+    pub futures: u64,
+    /// Candidates × futures imagined for them, summed.
+    pub samples: u64,
 }
 
 impl StepTable {
@@ -114,10 +127,16 @@ impl StepTable {
     }
 
     /// Takes note of a decision.
-    pub fn add_decision(&mut self, header: &Header, planned: bool) {
-        self.add(GraphTopic::Decision, header);
-        if let Some(step) = self.at(header) {
+    pub fn add_decision(&mut self, decision: &CommAction) {
+        let planned = decision.reason() != Ok(DecisionReason::NoPlanner);
+        self.add(GraphTopic::Decision, &decision.header);
+        if let Some(step) = self.at(&decision.header) {
             step.planned = planned;
+        }
+        if decision.is_decided() {
+            self.plans.plans += 1;
+            self.plans.futures += u64::from(decision.futures);
+            self.plans.samples += u64::from(decision.samples);
         }
     }
 

@@ -86,6 +86,13 @@ fn write_counts(out: &mut String, profile: &Profile) {
             lost => format!("LOST {}", count(lost, "message")),
         }
     );
+    if counts.futures_per_plan > 0.0 {
+        let _ = writeln!(
+            out,
+            "  a plan rests on {:.0} futures and imagines {:.0} lives in them, on average",
+            counts.futures_per_plan, counts.samples_per_plan
+        );
+    }
     for (topic, lost) in counts.lost_messages.iter().filter(|(_, lost)| **lost > 0) {
         let _ = writeln!(out, "  LOST {lost} on {topic}");
     }

@@ -8,8 +8,8 @@ use crate::table::{MOST_STEPS, StepTable};
 use anyhow::Result;
 use messages::PROCESSES;
 use messages::{
-    CommAction, DecisionReason, Display, DriverAction, Header, HumanBelief, ImagineAnswer,
-    ImagineRequest, LidarFrame, Observation, Report, RobotBelief, topic,
+    CommAction, Display, DriverAction, Header, HumanBelief, ImagineAnswer, ImagineRequest,
+    LidarFrame, Observation, Report, RobotBelief, topic,
 };
 use runtime::instance::{nodes, root_of};
 use runtime::{Input, Observer, ObserverWake, PortError, now_ns, text_of};
@@ -107,10 +107,7 @@ impl WatchPorts {
         while self.decision.take()? {
             if let Some(decision) = self.decision.message() {
                 messages += 1;
-                table.add_decision(
-                    &decision.header,
-                    decision.reason() != Ok(DecisionReason::NoPlanner),
-                );
+                table.add_decision(decision);
             }
         }
         while self.questions.take()? {

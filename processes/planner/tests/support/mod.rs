@@ -8,7 +8,7 @@ use messages::{
 };
 use models::{Implants, SelfHuman, SelfModel, Sizes};
 use planner::{PlannerMethod, PlannerOptions};
-use planning::Settings;
+use planning::{RaceSettings, Settings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use runtime::{
@@ -38,12 +38,19 @@ pub fn human() -> SelfHuman {
 /// A small planner whose costs leave room for decisions either way.
 pub fn options() -> PlannerOptions {
     PlannerOptions {
-        method: PlannerMethod::Ce,
+        method: PlannerMethod::Race,
         model: None,
         settings: Settings {
             horizon: 2,
             samples: 60,
             iterations: 2,
+            race: RaceSettings {
+                steps: 4,
+                first: 4,
+                futures: 16,
+                ..RaceSettings::default()
+            },
+            futures: 1,
             elites: 12,
             silent: 4,
             verbal_cost: 0.01,
@@ -52,6 +59,7 @@ pub fn options() -> PlannerOptions {
         },
         seed: 11,
         step_s: 0.15,
+        real_step_s: None,
         patience_ms: 40,
         scenario: scenario::Scenario::Highway(()),
     }

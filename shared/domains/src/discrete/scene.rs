@@ -63,6 +63,16 @@ pub const STEP_S: f64 = 1.0;
 table! {
     /// `[planning]`: the cross-entropy planner's settings, as in the highway's scenes.
     pub struct Planning("planning") {
+        /// Steps that a candidate is imagined for (`--planner race`, as the next four): as long as a detour.
+        race_steps: u32 = 12, 1, 64;
+        /// Futures that every candidate lives through.
+        race_first: u32 = 16, 2, 512;
+        /// Futures that the last candidates live through, at most.
+        race_futures: u32 = 128, 2, 512;
+        /// A gain counts from so many standard errors on.
+        race_certainty: f64 = 1.0, 0.0, 100.0;
+        /// In real time, share of a step's length after which a decision stands.
+        budget: f64 = 0.7, 0.05, 1.0;
         /// Decisions in the horizon.
         horizon: u32 = 4, 1, 100;
         /// Steps that each decision holds for.

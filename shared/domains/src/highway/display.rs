@@ -32,7 +32,7 @@ impl Presenter {
     }
 
     /// What is shown and said at `step`: boxes around the cars that the LIDAR sees in the sectors of `visual` and within
-    /// the display's reach; of the sectors of `verbal`, one sentence about the likeliest, if it is time to speak.
+    /// the display's reach, and no highlight where it sees none; of the sectors of `verbal`, one sentence about the likeliest, if it is time to speak.
     pub fn present(
         &mut self,
         step: u32,
@@ -48,9 +48,9 @@ impl Presenter {
                 continue;
             }
             for azimuth in (first..=last).filter(|&azimuth| displayable(azimuth)) {
-                shown.highlighted |= 1 << sector;
                 let object = observation.object[azimuth];
                 let boxes = &mut shown.highlighted_objects;
+                shown.highlighted |= u32::from(object >= 0) << sector;
                 if object >= 0 && count < boxes.len() && !boxes[..count].contains(&object) {
                     boxes[count] = object;
                     count += 1;
@@ -78,4 +78,21 @@ pub fn most_wanted(verbal: u32, probability: &[f32]) -> Option<usize> {
                 best
             }
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_highlight_needs_a_car() {
+        let mut observation = Observation::default();
+        observation.object.fill(-1);
+        observation.object[4] = 7; // left front
+        observation.object[12] = 9; // left rear, behind the display's edge
+        let mut presenter = Presenter::new(3.5, 0.15);
+        let shown = presenter.present(0, 0b11_1111, 0, &[0.0; SECTORS], &observation);
+        assert_eq!(shown.highlighted, 0b00_0010);
+        assert_eq!(shown.highlighted_objects[..2], [7, -1]);
+    }
 }

@@ -123,6 +123,11 @@ impl SimulatedDriver {
         self.noise = [0.0; 2];
     }
 
+    /// Takes other random numbers and keeps the memory: somebody who is the same until now, and whose hands tremble otherwise.
+    pub fn reseed(&mut self, seed: u64, episode: u32, stream: u64) {
+        self.random = random(seed, episode, stream);
+    }
+
     /// How far this driver sees, per azimuth, in metres.
     pub fn visible_m(&self) -> &[f32; AZIMUTHS] {
         &self.visible_m

@@ -98,6 +98,44 @@ const REACH: [u64; SECTORS] = {
     reach
 };
 
+/// The azimuths of each sector, a bit each.
+const EXTENT: [u64; SECTORS] = {
+    let mut extent = [0; SECTORS];
+    let mut azimuth = 0;
+    while azimuth < AZIMUTHS {
+        extent[sector_of(azimuth)] |= 1 << azimuth;
+        azimuth += 1;
+    }
+    extent
+};
+
+/// Azimuths with a return, a bit each.
+fn returns(visual: &[f32]) -> u64 {
+    let nearest = nearest_of_all(visual);
+    let cars = nearest.iter().enumerate();
+    cars.fold(0, |bits, (azimuth, nearest)| {
+        bits | u64::from(*nearest > EMPTY) << azimuth
+    })
+}
+
+/// Sectors of `extent` with a return, a bit each.
+fn sectors_with(extent: &[u64; SECTORS], returns: u64) -> u32 {
+    let sectors = extent.iter().enumerate();
+    sectors.fold(0, |bits, (sector, extent)| {
+        bits | u32::from(extent & returns != 0) << sector
+    })
+}
+
+/// Sectors in which a visual column holds a car, a bit each.
+pub fn occupied(visual: &[f32]) -> u32 {
+    sectors_with(&EXTENT, returns(visual))
+}
+
+/// Sectors whose highlight would show a car, a bit each: those that hold one within the display's reach.
+pub fn highlightable(visual: &[f32]) -> u32 {
+    sectors_with(&REACH, returns(visual))
+}
+
 /// How drivers perceive: metres to the nearest return of an azimuth, and a limit for each azimuth.
 #[derive(Debug)]
 struct MetresToReturns;
@@ -139,12 +177,7 @@ impl Perception for MetresToReturns {
             0 => bits,
             _ => bits | reach,
         });
-        let nearest = nearest_of_all(visual);
-        let cars = nearest.iter().enumerate();
-        let cars = cars.fold(0, |bits, (azimuth, nearest)| {
-            bits | u64::from(*nearest > EMPTY) << azimuth
-        });
-        reached & cars
+        reached & returns(visual)
     }
 }
 
@@ -224,6 +257,8 @@ mod tests {
         let shown = |items| layout.perception.shown(items, &visual);
         assert_eq!(shown(0b00_0010), 1 << 3, "only the car is boxed");
         assert_eq!(shown(0b01_0000), 0, "the display ends at the side");
+        assert_eq!(occupied(&visual), 0b01_0010);
+        assert_eq!(highlightable(&visual), 0b00_0010);
         assert_eq!(layout.communicable.visual, 0b10_0011);
         assert_eq!((0..SECTORS).map(azimuths_shown).sum::<usize>(), 19);
     }

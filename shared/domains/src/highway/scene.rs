@@ -150,18 +150,31 @@ table! {
 }
 
 table! {
-    /// `[planning]`: the cross-entropy planner's settings.
+    /// `[planning]`: the planners' settings, `race_…` and `budget` of `--planner race`, the others of `--planner ce` but for
+    /// `repeat`, `discount` and `reward_weight`, which are both planners'.
     pub struct Planning("planning") {
+        /// Control steps that a candidate is imagined for.
+        race_steps: u32 = 24, 1, 64;
+        /// Futures that every candidate lives through.
+        race_first: u32 = 8, 2, 512;
+        /// Futures that the last candidates live through, at most.
+        race_futures: u32 = 64, 2, 512;
+        /// A gain counts from so many standard errors on.
+        race_certainty: f64 = 1.0, 0.0, 100.0;
+        /// In real time, share of a step's length after which a decision stands.
+        budget: f64 = 0.7, 0.05, 1.0;
         /// Decisions in the horizon.
         horizon: u32 = 4, 1, 100;
         /// Control steps that each decision holds for.
         repeat: u32 = 2, 1, 100;
         /// Imagined futures.
         samples: u32 = 1000, 2, 100_000;
+        /// How many of them each candidate has: its value is their mean.
+        futures: u32 = 5, 1, 100_000;
         /// Iterations of the cross-entropy method.
         iterations: u32 = 3, 1, 100;
-        /// Futures that the next iteration learns from.
-        elites: u32 = 200, 1, 100_000;
+        /// Candidates that the next iteration learns from.
+        elites: u32 = 40, 1, 100_000;
         /// Share of the elites' frequencies in the next probabilities.
         smoothing: f64 = 0.8, 0.0, 1.0;
         /// Probability of every bit before the first iteration.
@@ -339,7 +352,7 @@ impl Scene {
             "planning.elites",
             f64::from(self.planning.elites),
             1.0,
-            f64::from(self.planning.samples),
+            f64::from(self.planning.samples / self.planning.futures),
         )?;
         self.episode.check(&check)?;
         self.clock.check(&check)

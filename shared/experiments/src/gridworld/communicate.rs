@@ -84,11 +84,14 @@ pub struct Study {
     pub percents: Vec<u32>,
     /// Rounds a person and condition.
     pub rounds: u32,
-    /// The planner, the same for all.
+    /// How every assistant decides …
+    pub method: Method,
+    /// … and with which settings.
     pub settings: Settings,
 }
 
-/// The scene's planner with `samples` imagined futures, a fifth of the candidates elites.
+/// The scene's planner; with `samples` imagined futures, a fifth of the candidates elites, where it is the cross-entropy
+/// method.
 ///
 /// # Errors
 /// If the planner cannot have so many.
@@ -171,7 +174,8 @@ impl Unit for Piece<'_> {
         };
         let mut assistant = human.map(|human| {
             let items = Arc::clone(&model.layout);
-            Assistant::new(Arc::clone(model), human, study.settings, Method::Ce, items)
+            let (settings, method) = (study.settings, study.method);
+            Assistant::new(Arc::clone(model), human, settings, method, items)
         });
         let mut clones =
             (self.condition == Condition::Ideal).then(|| IdealPeople::new(&person, &model.layout));
@@ -241,7 +245,13 @@ pub fn run(
         name: &name,
         header: HEADER,
         key: 5,
-        about: common.about(model, serde_json::json!({ "planner": study.settings })),
+        about: common.about(
+            model,
+            serde_json::json!({
+                "planner": study.settings,
+                "method": study.method.name(),
+            }),
+        ),
     };
     Ok(Report::new(study, &run_units(&sheet, &units, progress)?))
 }

@@ -12,6 +12,7 @@ use crate::statistics::{Interval, over_people};
 use crate::table::write_json;
 use domains::discrete::Domain;
 use models::Kind;
+use planning::Method;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -82,8 +83,8 @@ pub struct Report {
     pub seeds: u64,
     /// Rounds a person, seed and condition.
     pub rounds: u32,
-    /// Imagined futures.
-    pub samples: usize,
+    /// How the assistants planned.
+    pub planner: String,
     /// Names of the measures.
     pub measures: Vec<&'static str>,
     /// Conditions.
@@ -139,7 +140,14 @@ impl Report {
             people: common.people,
             seeds: common.seeds,
             rounds: study.rounds,
-            samples: study.settings.samples,
+            planner: match study.method {
+                Method::Race => format!(
+                    "`race`, on at most {} futures of a candidate",
+                    study.settings.race.futures
+                ),
+                Method::Ce => format!("`ce`, with {} imagined futures", study.settings.samples),
+                Method::Kl => "`kl`".to_owned(),
+            },
             measures: MEASURES.map(|(_, name, _)| name).to_vec(),
             conditions,
             claims: Vec::new(),
@@ -394,8 +402,8 @@ impl Report {
         let mut text = format!(
             "`{command}`: the transfer setting, {} simulated people, {} seed(s), {} rounds each under each condition; intervals over people. \
              The number behind a model is how many rounds it learned from (BC and SQIL: from as many of the original setting too). \
-             All assistants plan with {} imagined futures. {:.0} s, summed over the cores. {note}\n\n",
-            self.people, self.seeds, self.rounds, self.samples, self.work_s,
+             All assistants plan by {}. {:.0} s, summed over the cores. {note}\n\n",
+            self.people, self.seeds, self.rounds, self.planner, self.work_s,
         );
         if !self.claims.is_empty() {
             text.push_str(&claims_table(&self.claims));

@@ -2,6 +2,7 @@
 #![allow(dead_code)] // every test program uses its own part
 
 use domains::highway::modalities::layout;
+use models::imagined::Futures;
 use models::{Communicated, Observations, SelfModel, Sizes};
 use nn::{Mlp, Parameters, Tensor};
 use planning::planner::{From, GROUPS};
@@ -71,11 +72,12 @@ impl Start {
             seed: self.seed,
             episode: self.episode,
             step: self.step,
+            until: None,
         }
     }
 }
 
-/// z₀ is the throttle of the step before, and the reward.
+/// z₀ is the throttle of the step before, and the reward; cars stand all around.
 pub struct World {
     pub model: SelfModel,
     mean: Tensor,
@@ -90,6 +92,7 @@ impl World {
         };
         let mut model = SelfModel::new(sizes, layout(), &mut ChaCha8Rng::seed_from_u64(0));
         let (transition, reward) = (model.transition.clone(), model.reward.clone());
+        let visual = model.visual.clone();
         let p = &mut model.parameters;
         let ids: Vec<_> = p.iter().map(|(id, _, _)| id).collect();
         for id in ids {
@@ -100,11 +103,21 @@ impl World {
         let bias = p.get_mut(transition.layers[2].bias).data_mut();
         (bias[2], bias[3]) = (-30.0, -30.0);
         carry(p, &reward, 0);
+        // There is a car in every direction, 20 m away.
+        p.get_mut(visual.layers[2].bias).fill(0.5);
         Self {
             model,
             mean: Tensor::new(2, 1),
             deviation: Tensor::new(2, 1),
         }
+    }
+
+    /// The same without a car anywhere.
+    pub fn empty() -> Self {
+        let mut world = Self::new();
+        let bias = world.model.visual.layers[2].bias;
+        world.model.parameters.get_mut(bias).fill(0.0);
+        world
     }
 
     pub fn from(&self, start: Start) -> From<'_> {
@@ -137,16 +150,23 @@ pub struct Asked {
 pub struct Started {
     pub group: usize,
     pub seed: u64,
+    pub rows: usize,
+    pub futures: Futures,
 }
 
 /// People who brake until they perceive one of the bits that they listen for, and from then on give throttle.
 pub struct Answers {
     listens_for: Communicated,
+    /// Steps ahead within which they listen.
+    pub listens: core::ops::RangeInclusive<usize>,
     warned: [Vec<bool>; GROUPS],
+    futures: [Futures; GROUPS],
     known: [Option<f32>; GROUPS],
     step: [usize; GROUPS],
     pub asked: Vec<Asked>,
     pub starts: Vec<Started>,
+    /// What every second of them listens for instead.
+    pub others_listen_for: Option<Communicated>,
     /// Whether, instead, they do nothing until then, and from then on two in five give throttle and three brake.
     pub gamble: bool,
     /// Answers after which they fall silent.
@@ -157,11 +177,14 @@ impl Answers {
     pub fn listening_for(listens_for: Communicated) -> Self {
         Self {
             listens_for,
+            listens: 1..=64,
             warned: [Vec::new(), Vec::new()],
+            futures: [Futures::each_their_own(1); GROUPS],
             known: [None; GROUPS],
             step: [0; GROUPS],
             asked: Vec::new(),
             starts: Vec::new(),
+            others_listen_for: None,
             gamble: false,
             silent_after: None,
         }
@@ -183,10 +206,17 @@ impl ImaginedPeople for Answers {
         &mut self,
         group: usize,
         rows: usize,
+        futures: Futures,
         seed: u64,
         known_action: Option<&[f32]>,
     ) -> Result<(), PeopleError> {
-        self.starts.push(Started { group, seed });
+        self.starts.push(Started {
+            group,
+            seed,
+            rows,
+            futures,
+        });
+        self.futures[group] = futures;
         self.warned[group] = vec![false; rows];
         self.known[group] = known_action.map(|a| a[0]);
         self.step[group] = 0;
@@ -200,12 +230,22 @@ impl ImaginedPeople for Answers {
         communicated: &[Communicated],
         seed: u64,
     ) -> Result<(), PeopleError> {
-        assert_eq!(observations.batch(), self.warned[group].len());
-        assert_eq!(communicated.len(), self.warned[group].len());
+        assert_eq!(observations.batch(), communicated.len());
+        assert!(communicated.len() >= self.warned[group].len());
         self.known[group] = None;
         self.step[group] += 1;
-        for (warned, told) in self.warned[group].iter_mut().zip(communicated) {
-            *warned |= told.0 & self.listens_for.0 != 0;
+        let count = self.futures[group].count;
+        for j in self.warned[group].len()..communicated.len() {
+            let first = self.warned[group][j % count];
+            self.warned[group].push(first);
+        }
+        let listens = self.listens.contains(&self.step[group]);
+        for (j, (warned, told)) in self.warned[group].iter_mut().zip(communicated).enumerate() {
+            let other = self
+                .others_listen_for
+                .filter(|_| self.futures[group].of(j) % 2 == 1);
+            let listens_for = other.unwrap_or(self.listens_for);
+            *warned |= listens && told.0 & listens_for.0 != 0;
         }
         let start = self
             .starts
@@ -233,7 +273,7 @@ impl ImaginedPeople for Answers {
                 (false, true) => 1.0,
                 (false, false) => -1.0,
                 (true, false) => 0.0,
-                (true, true) if j % 5 < 2 => 1.0,
+                (true, true) if self.futures[group].of(j) % 5 < 2 => 1.0,
                 (true, true) => -1.0,
             };
             let throttle = self.known[group].unwrap_or(reaction);

@@ -1,6 +1,12 @@
 use super::*;
 use crate::metrics::{self, Samples};
-use messages::Header;
+use messages::{CommAction, DecisionReason, Header, Message};
+
+fn decision(header: Header, reason: DecisionReason) -> CommAction {
+    let mut decision = CommAction::ZERO;
+    (decision.header, decision.reason) = (header, reason.wire());
+    decision
+}
 
 fn add(table: &mut StepTable, topic: GraphTopic, step: u32, sent_ns: u64, compute_ns: u64) {
     let header = Header {
@@ -11,7 +17,7 @@ fn add(table: &mut StepTable, topic: GraphTopic, step: u32, sent_ns: u64, comput
         ..Header::default()
     };
     match topic {
-        GraphTopic::Decision => table.add_decision(&header, false),
+        GraphTopic::Decision => table.add_decision(&decision(header, DecisionReason::NoPlanner)),
         _ => table.add(topic, &header),
     }
 }
@@ -136,7 +142,7 @@ fn a_plan_is_cut_at_its_questions_and_the_human_models_time_at_its_answers() {
         compute_ns: 70,
         ..Header::default()
     };
-    table.add_decision(&decided, true);
+    table.add_decision(&decision(decided, DecisionReason::Planned));
     // The human model's next step: 15 beyond its answers.
     add(&mut table, GraphTopic::HumanBelief, 1, 1_300, 95);
     // A last plan of this episode, answered before the next one's first step: 30 beyond its answer.
