@@ -38,6 +38,7 @@ pages! {
     adding_a_domain: "docs/adding-a-domain.md",
     adding_a_human_model: "docs/adding-a-human-model.md",
     benchmarks: "docs/benchmarks.md",
+    drive_yourself: "docs/drive-yourself.md",
     failures: "docs/failures.md",
     known_issues: "docs/known-issues.md",
     learn: "docs/learn.md",
@@ -47,6 +48,7 @@ pages! {
     reproduce: "docs/reproduce.md",
     run: "docs/run.md",
     same_bytes: "docs/same-bytes.md",
+    view: "docs/view.md",
 }
 
 /// A command as it is documented, and what is run here in its place: fewer episodes, no planning, fewer people.
@@ -63,6 +65,10 @@ const SHORTER: &[(&str, &str)] = &[
     (
         "mirror up --planner none",
         "mirror up --planner none --human self",
+    ),
+    (
+        "mirror up --view",
+        "mirror up --view --episodes 1 --planner none --human self",
     ),
     (
         "mirror --vectors 8 up --episodes 1 --summary run.json",
@@ -192,6 +198,22 @@ const SHORTER: &[(&str, &str)] = &[
 
 /// Commands whose command line is parsed alone, and why.
 const PARSED: &[(&str, &str)] = &[
+    (
+        "mirror replay drive.mcap --human bc --view",
+        "serves a page until it is ended; tests/pages.rs looks at it",
+    ),
+    (
+        "mirror up --driver browser",
+        "waits for a person at a page; tests/pages.rs drives there",
+    ),
+    (
+        "mirror up --driver browser --view",
+        "waits for a person at a page; tests/pages.rs drives there",
+    ),
+    (
+        "mirror up --driver browser --scene search-smoke",
+        "waits for a person at a page; tests/pages.rs acts there",
+    ),
     (
         "mirror doctor --clean",
         "it would remove what others' dead runs left on this machine; tests/places.rs runs it",

@@ -51,6 +51,24 @@ class EpisodeEnd(IntEnum):
     GOAL = 1
     COLLISION = 2
     OUT_OF_TIME = 3
+    VOIDED = 4
+
+
+class Presence(IntEnum):
+    """Whether a person is at the wheel."""
+
+    ABSENT = 0
+    PRESENT = 1
+    GIVEN_UP = 2
+
+
+class CockpitEvent(IntEnum):
+    """What a cockpit tells."""
+
+    PRESENCE = 0
+    HEARD = 1
+    UNHEARD = 2
+    SEEN = 3
 
 
 class DecisionReason(IntEnum):
@@ -345,6 +363,25 @@ class DriverAction(ctypes.Structure):
         return "mirror/DriverAction/2"
 
 
+class Cockpit(ctypes.Structure):
+    LAYOUT = "mirror/Cockpit/1 layout 9e1208af2efab2d9"
+    _fields_ = [
+        ("header", Header),
+        ("happened_ns", ctypes.c_uint64),
+        ("input_age_ns", ctypes.c_uint64),
+        ("round_trip_ns", ctypes.c_uint64),
+        ("text", ctypes.c_uint8 * 64),
+        ("item", ctypes.c_uint32),
+        ("event", ctypes.c_uint32),
+        ("presence", ctypes.c_uint32),
+        ("pages", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "mirror/Cockpit/1"
+
+
 class ImagineRequest(ctypes.Structure):
     LAYOUT = "mirror/ImagineRequest/4 layout 68fef2d8c3139dfc"
     _fields_ = [
@@ -459,12 +496,14 @@ TOPICS = {
     "world/observation": Observation,
     "world/picture": Picture,
     "world/scene": Scene,
+    "world/motion": Scene,
     "world/outcome": Outcome,
     "belief/robot": RobotBelief,
     "belief/human": HumanBelief,
     "comm/action": CommAction,
     "comm/display": Display,
     "driver/action": DriverAction,
+    "driver/cockpit": Cockpit,
     "human/imagine": ImagineRequest,
     "human/imagine/answer": ImagineAnswer,
     "run/control": Control,
@@ -487,6 +526,7 @@ _PLACES = {
     Utterance: (80, [0, 64, 68, 72, 76]),
     Display: (768, [0, 48, 688, 692, 696, 760, 764]),
     DriverAction: (64, [0, 48, 52, 56, 60]),
+    Cockpit: (152, [0, 48, 56, 64, 72, 136, 140, 144, 148]),
     ImagineRequest: (789608, [0, 48, 56, 60, 64, 68, 72, 76, 80, 96, 100, 104, 2152, 526440, 788584, 789096]),
     ImagineAnswer: (10304, [0, 48, 52, 56, 60, 64, 8256]),
     Control: (64, [0, 48, 52, 56]),

@@ -126,11 +126,11 @@ pub struct UpArguments {
     /// How to decide what to communicate
     #[arg(long, value_name = "KIND", value_enum, default_value_t = PlannerMethod::Race)]
     pub planner: PlannerMethod,
-    /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own), or
-    /// `recorded:ID` (the person in that car of a CommonRoad scenario)
+    /// Who drives: `sim:ID` (a simulated person, 1 to 21, in a gridworld 1 to 10), `sim:FILE.toml` (your own),
+    /// `recorded:ID` (the person in that car of a CommonRoad scenario), or `browser`: you, at a page in a browser
     #[arg(
         long,
-        value_name = "sim:ID|sim:FILE|recorded:ID",
+        value_name = "sim:ID|sim:FILE|recorded:ID|browser",
         default_value = "sim:1",
         value_parser = offered::drivers(),
         hide_possible_values = true
@@ -139,9 +139,10 @@ pub struct UpArguments {
     /// How many episodes to drive
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub episodes: u32,
-    /// Whether everybody waits for everybody (the same bytes every time) or the world ticks at its own rate
-    #[arg(long, value_enum, default_value_t = Clock::Lockstep)]
-    pub clock: Clock,
+    /// Whether everybody waits for everybody (the same bytes every time) or the world ticks at its own rate [default:
+    /// lockstep; realtime where a person drives on the highway]
+    #[arg(long, value_enum)]
+    pub clock: Option<Clock>,
     /// Seed of everything that is random
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -180,6 +181,46 @@ pub struct UpArguments {
     /// Print no events, only the summary
     #[arg(long)]
     pub quiet: bool,
+    /// Serve a page that shows the run live: the drive from above, what the person is believed to see and know, what
+    /// was said and why, and the time that every process takes
+    #[arg(long)]
+    pub view: bool,
+    /// Where the pages of `--view` and `--driver browser` are served: an address of this machine, with a port or
+    /// without. Other hosts reach them only with this option, and need the link with its token all the same; nothing is
+    /// encrypted [default: 127.0.0.1, any free port]
+    #[arg(long, value_name = "ADDRESS[:PORT]")]
+    pub listen: Option<Listen>,
+    /// With `--driver browser`: a round is void when nobody has been at the wheel for so long
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = void_after, allow_negative_numbers = true)]
+    pub void_after: f64,
+}
+
+fn void_after(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds @ 0.0..=86_400.0) => Ok(seconds),
+        _ => Err("expected 0 to 86400".to_owned()),
+    }
+}
+
+/// Where pages are served.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Listen(pub std::net::SocketAddr);
+
+impl std::str::FromStr for Listen {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let port = |address| std::net::SocketAddr::new(address, 0);
+        let bare = text
+            .strip_prefix('[')
+            .and_then(|text| text.strip_suffix(']'));
+        text.parse()
+            .or_else(|_| bare.unwrap_or(text).parse().map(port))
+            .map(Self)
+            .map_err(|_| {
+                "expected an address such as 127.0.0.1, 0.0.0.0:8080 or [::1]:8080".to_owned()
+            })
+    }
 }
 
 fn hang_limit(text: &str) -> Result<f64, String> {
@@ -217,6 +258,12 @@ pub struct ReplayArguments {
     /// Print at most so many steps at which another decision is made; the summary file has all
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub lines: usize,
+    /// Afterwards, serve a page that shows the recording, and beside it what is decided now, until Ctrl-C
+    #[arg(long)]
+    pub view: bool,
+    /// Where the page of `--view` is served: see `mirror up --help` [default: 127.0.0.1, any free port]
+    #[arg(long, value_name = "ADDRESS[:PORT]")]
+    pub listen: Option<Listen>,
 }
 
 /// Options of `mirror profile`.
@@ -225,7 +272,7 @@ pub struct ProfileArguments {
     /// Watch this set, which runs already, instead of starting one
     #[arg(long, value_name = "INSTANCE", conflicts_with_all = [
         "scene", "fog", "human", "planner", "driver", "episodes", "clock", "seed", "record", "summary", "instance", "exec",
-        "self_model", "implants", "spin", "restarts", "hang_limit", "quiet",
+        "self_model", "implants", "spin", "restarts", "hang_limit", "quiet", "view", "listen", "void_after",
     ])]
     pub attach: Option<String>,
     /// Folder for profile.json, profile.hlog (HdrHistogram) and trace.json (Perfetto)

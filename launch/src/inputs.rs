@@ -33,7 +33,7 @@ pub fn driver(text: &str) -> Result<Driving> {
                 .with_context(|| format!("--driver {text}: {id:?} is no car's number"))?;
             Driving::Recorded(car)
         }
-        _ => bail!("--driver {text}: expected sim:ID, sim:FILE.toml or recorded:ID"),
+        _ => bail!("--driver {text}: expected sim:ID, sim:FILE.toml, recorded:ID or browser"),
     })
 }
 

@@ -38,6 +38,22 @@ pub struct NamedPerson {
     pub who: Who,
     /// As on the command line.
     pub name: String,
+    /// Whether a person at a page in a browser acts, for whom [`NamedPerson::who`] stands in where something has to be
+    /// known in advance.
+    pub has_cockpit: bool,
+}
+
+/// `--driver` for a person at a page in a browser.
+pub const BROWSER: &str = "browser";
+/// Who stands in for them.
+const STAND_IN: &str = "sim:1";
+
+/// The person of the command line, or who stands in for them.
+fn simulated(person: &str) -> &str {
+    match person {
+        BROWSER => STAND_IN,
+        person => person,
+    }
 }
 
 /// What the items that can be communicated are called.
@@ -130,7 +146,7 @@ impl NamedScene {
 pub fn scene(text: &str, fog_m: Option<f64>, person: &str) -> Result<(NamedScene, NamedPerson)> {
     let scene = match gridworld_scene(text)? {
         None => {
-            let driving = inputs::driver(person)?;
+            let driving = inputs::driver(simulated(person))?;
             highway_scene(text, fog_m, &driving)?
         }
         Some(scene) => {
@@ -177,16 +193,17 @@ pub fn gridworld_scene(text: &str) -> Result<Option<discrete::Scene>> {
     }
 }
 
-/// Reads who acts in a scene: `sim:ID`, `sim:FILE` or, on the highway, `recorded:ID`.
+/// Reads who acts in a scene: `sim:ID`, `sim:FILE`, `browser` or, on the highway, `recorded:ID`.
 ///
 /// # Errors
 /// Names the option, or the file and the place in it.
-pub fn who(text: &str, scene: &NamedScene) -> Result<NamedPerson> {
+pub fn who(named: &str, scene: &NamedScene) -> Result<NamedPerson> {
+    let text = simulated(named);
     let who = match &scene.scenario {
         Scenario::Highway(_) => Scenario::Highway(inputs::driver(text)?),
         Scenario::Gridworld((scene, _)) => {
             let Some(("sim", person)) = text.split_once(':') else {
-                bail!("--driver {text}: expected sim:ID or sim:FILE.toml in a gridworld");
+                bail!("--driver {text}: expected sim:ID, sim:FILE.toml or browser in a gridworld");
             };
             let acting = acting(person).with_context(|| format!("--driver {text}"))?;
             let seat = driver::GridworldSeat {
@@ -200,7 +217,8 @@ pub fn who(text: &str, scene: &NamedScene) -> Result<NamedPerson> {
     };
     Ok(NamedPerson {
         who,
-        name: text.to_owned(),
+        name: named.to_owned(),
+        has_cockpit: named == BROWSER,
     })
 }
 

@@ -20,6 +20,7 @@ pub fn process(arguments: &ProcessArguments) -> Result<ExitCode, Failure> {
         "planner" => planner::run(&run, &run.options().map_err(Failure::refused)?)?,
         "renderer" => renderer::run(&run, &run.options().map_err(Failure::refused)?)?,
         "recorder" => recorder::run(&run, &run.options().map_err(Failure::refused)?)?,
+        "view" => view::run(&run, &run.options().map_err(Failure::refused)?)?,
         "replay" => ::replay::run(&run, &run.options().map_err(Failure::refused)?)?,
         other => {
             let names = NAMES.join(", ");

@@ -54,7 +54,8 @@ pub fn learners() -> Offered {
 pub fn drivers() -> Offered {
     Offered(|| {
         let people = 1..=domains::highway::Person::COUNT;
-        people.map(|id| format!("sim:{id}")).collect()
+        let people = people.map(|id| format!("sim:{id}"));
+        people.chain([crate::place::BROWSER.to_owned()]).collect()
     })
 }
 

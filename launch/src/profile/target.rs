@@ -96,12 +96,15 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         restarts,
         hang_limit,
         quiet: _,
+        view,
+        listen,
+        void_after,
     } = arguments;
     let episodes = if endless { ENDLESS } else { *episodes };
-    let clock = match clock {
+    let clock = clock.map(|clock| match clock {
         Clock::Lockstep => "lockstep",
         Clock::Realtime => "realtime",
-    };
+    });
     let planner: &planner::PlannerMethod = planner;
     let mut options = vec![
         format!("--scene={scene}"),
@@ -109,7 +112,6 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         format!("--planner={}", planner.name()),
         format!("--driver={driver}"),
         format!("--episodes={episodes}"),
-        format!("--clock={clock}"),
         format!("--seed={seed}"),
         format!("--instance={instance}"),
         format!("--spin={spin}"),
@@ -117,6 +119,10 @@ fn up_options(arguments: &UpArguments, instance: &str, endless: bool) -> Vec<Str
         format!("--hang-limit={hang_limit}"),
         "--quiet".to_owned(),
     ];
+    options.extend(clock.map(|clock| format!("--clock={clock}")));
+    options.extend(view.then(|| "--view".to_owned()));
+    options.extend(listen.map(|listen| format!("--listen={}", listen.0)));
+    options.push(format!("--void-after={void_after}"));
     options.extend(fog.map(|fog| format!("--fog={fog}")));
     options.extend(exec.iter().map(|exec| format!("--exec={exec}")));
     for (name, path) in [

@@ -5,6 +5,7 @@ mod report;
 mod report_text;
 mod resolve;
 mod set;
+mod shown;
 
 use crate::cli::ReplayArguments;
 use crate::doctor;
@@ -54,11 +55,15 @@ pub fn replay(arguments: &ReplayArguments) -> Result<ExitCode, Failure> {
     ended.and(all_well)?;
     let rows = ::replay::load_rows(&rows).context("the replay's rows")?;
     launcher.clean()?;
+    let beside = shown::beside(&rows);
     let mut report = ReplayReport::new(&drive, &resolved, items, rows);
     report.wall_seconds = (now_ns() - started) as f64 * 1e-9;
     screen.line(&report.text(arguments.lines));
     if let Some(path) = &summary {
         report.save(path)?;
+    }
+    if arguments.view {
+        shown::show(arguments, &drive, &resolved, beside, &screen)?;
     }
     Ok(if report.is_success() {
         ExitCode::SUCCESS

@@ -256,6 +256,39 @@ impl Resolved {
         crate::learned::learn_at_start(&scenario, &who, kind, &model, path)
     }
 
+    /// What a page needs to show the recording.
+    ///
+    /// # Errors
+    /// When the recording does not say where it was made, or the road cannot be built.
+    pub fn view_options(&self, recording: &Path) -> Result<view::ViewOptions> {
+        let world: world::WorldOptions = options(&self.setup, "world", recording)?;
+        let stage = match world.scenario {
+            Scenario::Highway(mut road) => {
+                if let Some(file) = &road.recording {
+                    let recorded = domains::commonroad::Scenario::read(file)?;
+                    road.scene.course = Some(std::sync::Arc::new(recorded.course(road.seat)?));
+                }
+                Scenario::Highway(view::Road::of(&road.scene)?)
+            }
+            Scenario::Gridworld(scene) => Scenario::Gridworld(scene),
+        };
+        let (human, planner) = &self.then;
+        let about = [
+            ("driver", self.setup.driver.clone()),
+            ("human", human.clone()),
+            ("planner", planner.clone()),
+            ("human_now", self.human.kind.name().to_owned()),
+            ("planner_now", self.planner.method.name().to_owned()),
+        ];
+        let about = about.map(|(key, value)| (key.to_owned(), value));
+        Ok(view::ViewOptions {
+            stage,
+            model: self.human.model.clone(),
+            implants: self.human.implants.clone(),
+            about: about.into(),
+        })
+    }
+
     /// What can be communicated.
     pub fn items(&self) -> Result<ItemNames> {
         Ok(match &self.belief.scenario {

@@ -38,10 +38,15 @@ impl RunPlan {
                 scenario: self.world(),
                 episodes: self.episodes,
                 seed: self.seed,
+                has_cockpit: self.driver.has_cockpit,
             }),
             "driver" => plain.with_options(&driver::DriverOptions {
                 scenario: self.seat()?,
                 seed: self.seed,
+                cockpit: self.driver.has_cockpit.then_some(driver::CockpitOptions {
+                    void_after_s: self.void_after_s,
+                    episodes: self.episodes,
+                }),
             }),
             "belief" => plain.with_options(&belief::BeliefOptions {
                 model: self.self_model.0.clone(),
@@ -126,6 +131,30 @@ impl RunPlan {
                 })
             }
             _ => bail!("{} is not at home in this scene", self.driver.name),
+        })
+    }
+
+    /// What the live view is started with.
+    ///
+    /// # Errors
+    /// When the road cannot be built.
+    pub fn view_options(&self) -> Result<view::ViewOptions> {
+        let stage = match &self.scene.scenario {
+            Scenario::Highway(road) => Scenario::Highway(
+                view::Road::of(&road.scene).with_context(|| self.scene.name.clone())?,
+            ),
+            Scenario::Gridworld((scene, _)) => Scenario::Gridworld(scene.clone()),
+        };
+        let about = ["driver", "human", "planner"]
+            .map(|process| (process.to_owned(), self.kind_of_process(process)));
+        Ok(view::ViewOptions {
+            stage,
+            model: self.self_model.0.clone(),
+            implants: match &self.implants {
+                ImplantSource::File(path) => Some(path.clone()),
+                ImplantSource::None | ImplantSource::Learn(_) => None,
+            },
+            about: about.into(),
         })
     }
 

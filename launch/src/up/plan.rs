@@ -15,6 +15,7 @@ use recorder::setup::Setup;
 use runtime::{ClockMode, RunArguments};
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -55,6 +56,12 @@ pub struct RunPlan {
     pub spin_us: u32,
     /// Print no events.
     pub quiet: bool,
+    /// Whether a page shows the run live.
+    pub view: bool,
+    /// Where pages are served.
+    pub listen: Option<SocketAddr>,
+    /// Seconds after which a round is void that nobody drives any more.
+    pub void_after_s: f64,
     /// Times in a row that a process is started again.
     pub restarts: u32,
     /// How long a process may be silent before it hangs, in ns; see [`super::supervise`].
@@ -94,10 +101,7 @@ impl RunPlan {
             planner: arguments.planner,
             episodes: arguments.episodes,
             seed: arguments.seed,
-            clock: match arguments.clock {
-                Clock::Lockstep => ClockMode::Lockstep,
-                Clock::Realtime => ClockMode::RealTime,
-            },
+            clock: clock(arguments.clock, &scene, &driver)?,
             record: (arguments.record.as_deref())
                 .map(|path| inputs::writable_file("--record", path))
                 .transpose()?,
@@ -109,6 +113,9 @@ impl RunPlan {
             exec,
             spin_us: arguments.spin,
             quiet: arguments.quiet,
+            view: arguments.view,
+            listen: arguments.listen.map(|listen| listen.0),
+            void_after_s: arguments.void_after,
             restarts: arguments.restarts,
             hang_limit_ns: (arguments.hang_limit * 1e9) as u64,
             setup: OnceCell::new(),
@@ -161,6 +168,10 @@ impl RunPlan {
                 changed.exec.remove(name);
             }
         }
+        ensure!(
+            name != "driver" || !self.driver.has_cockpit,
+            "swap driver: a person is at the wheel, at a page that this driver serves"
+        );
         let learned_by = |human| {
             learned::implants(
                 asked.implants.as_deref(),
@@ -185,7 +196,13 @@ impl RunPlan {
             "planner" => {
                 changed.planner = inputs::planner(kind)?;
             }
-            "driver" => changed.driver = place::who(kind, &self.scene)?,
+            "driver" => {
+                changed.driver = place::who(kind, &self.scene)?;
+                ensure!(
+                    !changed.driver.has_cockpit,
+                    "swap driver {kind}: a world waits for a person at the wheel from its start, or not at all"
+                );
+            }
             _ => bail!("swap {name} {kind}: there is only `same`, or another program by --exec"),
         }
         let is_ours = |name: &str| !changed.exec.contains_key(name);
@@ -230,6 +247,19 @@ impl RunPlan {
             _ => name.to_owned(),
         }
     }
+}
+
+/// How time passes: as asked for; for a person on the highway at its own pace.
+fn clock(asked: Option<Clock>, scene: &NamedScene, driver: &NamedPerson) -> Result<ClockMode> {
+    let needs_real_time = driver.has_cockpit && scene.gridworld().is_none();
+    Ok(match asked {
+        Some(Clock::Lockstep) if needs_real_time => {
+            bail!("--driver browser --clock lockstep: a person drives on the highway in real time")
+        }
+        Some(Clock::Realtime) => ClockMode::RealTime,
+        None if needs_real_time => ClockMode::RealTime,
+        Some(Clock::Lockstep) | None => ClockMode::Lockstep,
+    })
 }
 
 /// `--exec PROCESS=COMMAND`, each process at most once.

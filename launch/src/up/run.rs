@@ -5,6 +5,7 @@ use super::children::Children;
 use super::control_socket::ControlSocket;
 use super::ended::{Cause, Ended};
 use super::heads::Heads;
+use super::pages::Pages;
 use super::phase::Phase;
 use super::plan::RunPlan;
 use super::starting::{self, READY_NS};
@@ -41,6 +42,7 @@ pub struct Run<'a> {
     pub(super) supervisor: Supervisor,
     pub(super) socket: ControlSocket,
     pub(super) suspension: Suspension,
+    pub(super) pages: Pages,
     pub(super) swap: Option<Swap>,
     pub(super) ending: RunEnding,
     pub(super) started_ns: u64,
@@ -62,6 +64,7 @@ impl<'a> Run<'a> {
         launcher: &'a mut Launcher,
         socket: ControlSocket,
         suspension: Suspension,
+        pages: Pages,
         screen: &'a Screen,
     ) -> Result<Self> {
         let (step_s, items) = (plan.scene.step_s(), plan.scene.items());
@@ -81,6 +84,7 @@ impl<'a> Run<'a> {
             supervisor,
             socket,
             suspension,
+            pages,
             swap: None,
             ending: RunEnding::default(),
             started_ns: now_ns(),
@@ -100,6 +104,7 @@ impl<'a> Run<'a> {
         if result.is_err() {
             self.children.end();
         }
+        self.pages.close();
         result?;
         self.children.drain_output();
         self.tally.update()?;
@@ -139,6 +144,7 @@ impl<'a> Run<'a> {
             &self.suspension,
         );
         ready.context("the process set did not start")?;
+        self.pages.open(self.screen);
         self.launcher.start()?;
         self.children.all_active();
         self.tell_progress()?;
@@ -174,7 +180,10 @@ impl<'a> Run<'a> {
                     }
                 }
                 LauncherWake::Child(_) => {
-                    self.suspension.heed(|signal| self.children.suspend(signal));
+                    self.suspension.heed(|signal| {
+                        self.children.suspend(signal);
+                        self.pages.signal(signal);
+                    });
                     self.answer_callers()?;
                 }
                 LauncherWake::Stop => self.ending.ended_early = Some("interrupted".to_owned()),
@@ -241,6 +250,7 @@ impl<'a> Run<'a> {
             let rate = done.saturating_sub(steps) as f64 * 1e9 / (now - then) as f64;
             self.rate = (now, done, rate);
         }
+        self.pages.look(self.screen);
         self.show_status();
         Ok(())
     }

@@ -6,7 +6,7 @@ use super::plan::RunPlan;
 use super::plans::Plans;
 use super::supervise::Death;
 use super::swap_report::SwapReport;
-use super::tally::{EpisodeTally, Tally};
+use super::tally::{EpisodeTally, Tally, VOID};
 use crate::place::ItemNames;
 use crate::process::NAMES;
 use anyhow::{Context, Result};
@@ -119,7 +119,7 @@ pub struct RunSummary {
     pub hangs: u64,
     /// Processes replaced on request, in order.
     pub swaps: Vec<SwapReport>,
-    /// Episodes that ended with the world's death.
+    /// Episodes that ended with the world's death, or because nobody was at the wheel any more; they do not count.
     pub void_episodes: u32,
     /// Lines that were not printed because nobody read them.
     pub dropped_lines: u64,
@@ -173,8 +173,10 @@ impl RunSummary {
         let done = tally
             .episodes
             .iter()
-            .filter(|episode| episode.end != "running");
+            .filter(|episode| !["running", VOID].contains(&episode.end));
         let rewards: Vec<f64> = done.clone().map(|episode| episode.reward).collect();
+        let given_up = tally.episodes.iter().filter(|episode| episode.end == VOID);
+        let given_up = given_up.count();
         let sum = |of: fn(&EpisodeTally) -> u64| tally.episodes.iter().map(of).sum();
         let died_of = |cause| {
             let of_it = ending.deaths.iter().filter(|death| death.cause == cause);
@@ -221,7 +223,8 @@ impl RunSummary {
                 .rev()
                 .skip(1)
                 .filter(|episode| episode.end == "running")
-                .count() as u32,
+                .count() as u32
+                + given_up as u32,
             dropped_lines: 0,
             wall_seconds: ending.wall_seconds,
             digest: None,

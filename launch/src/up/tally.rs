@@ -9,6 +9,9 @@ use runtime::{ClockMode, Input, InputOptions, Launcher, StageTimer, text_of};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+/// How an episode ended that nobody drove to its end.
+pub const VOID: &str = "void";
+
 /// Something said.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SaidItem {
@@ -263,6 +266,7 @@ impl EpisodeTally {
             Ok(EpisodeEnd::Goal) => self.end = "goal",
             Ok(EpisodeEnd::Collision) => self.end = "collision",
             Ok(EpisodeEnd::OutOfTime) => self.end = "out of time",
+            Ok(EpisodeEnd::Voided) => self.end = VOID,
             Ok(EpisodeEnd::Running) | Err(_) => {}
         }
     }

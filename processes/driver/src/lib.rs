@@ -1,12 +1,16 @@
 //! The driver process: the person. Sees their part of what can be sensed, and the display, and acts.
 //!
+//! With a cockpit ([`cockpit`]) it is a human being at a page in a browser.
+//!
 //! In lockstep, the person looks at the display of step k before acting at k. In real time they wait for it no longer
 //! than half a step, and see a later one when it comes.
 
+pub mod cockpit;
 mod gridworld;
 mod highway;
 mod person;
 
+pub use cockpit::CockpitOptions;
 pub use domains::discrete::Acting;
 pub use gridworld::GridworldSeat;
 pub use highway::{Driving, HighwaySeat};
@@ -31,6 +35,10 @@ pub struct DriverOptions {
     pub scenario: Scenario<HighwaySeat, GridworldSeat>,
     /// Seed of the person's noise.
     pub seed: u64,
+    /// A person at a page in a browser, in place of the one that [`DriverOptions::scenario`] names, who stands in for
+    /// them where something has to be known of a person in advance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cockpit: Option<CockpitOptions>,
 }
 
 /// Joins the run and drives until it ends.
@@ -39,6 +47,9 @@ pub struct DriverOptions {
 /// When the options cannot be used, the run cannot be joined or a port fails; the launcher is told.
 pub fn run(arguments: &RunArguments, options: &DriverOptions) -> Result<()> {
     let seed = options.seed;
+    if let Some(cockpit) = &options.cockpit {
+        return run_process(arguments, |node| cockpit::sit(node, options, cockpit));
+    }
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(seat) => drive(node, HighwayDriver::new(seat, seed)?, seat.step_ns() / 2),
         Scenario::Gridworld(seat) => drive(

@@ -77,6 +77,7 @@ fn run(clock: ClockMode, folder: &Path) -> Result<([u32; 3], u32)> {
     };
     let (ours, theirs) = (process("driver", 0), process("others", 1));
     let options = DriverOptions {
+        cockpit: None,
         scenario: Scenario::Gridworld(GridworldSeat {
             scene: scene.clone(),
             person: Acting::File(file),

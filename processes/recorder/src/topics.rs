@@ -4,8 +4,8 @@
 //! is a pure function of what is recorded (beliefs, actions, seeds).
 
 use messages::{
-    CommAction, Control, Display, DriverAction, Field, Header, HumanBelief, LidarFrame, Message,
-    Observation, Outcome, Picture, Report, RobotBelief, Scene, topic,
+    Cockpit, CommAction, Control, Display, DriverAction, Field, Header, HumanBelief, LidarFrame,
+    Message, Observation, Outcome, Picture, Report, RobotBelief, Scene, topic,
 };
 use runtime::{Digest, Input, InputOptions, Node, PortError};
 
@@ -149,6 +149,7 @@ topics! {
     comm_action: CommAction on topic::COMM_ACTION;
     display: Display on topic::DISPLAY;
     driver_action: DriverAction on topic::DRIVER_ACTION;
+    cockpit: Cockpit on topic::COCKPIT;
     control: Control on topic::CONTROL;
     report: Report on topic::REPORT;
 }
@@ -192,9 +193,10 @@ pub type PerTopic = [u64; TOPICS.len()];
 
 impl RecordedTopic {
     /// Whether the topic belongs to what a lockstep run repeats byte for byte. `run/control` and `run/report` do not:
-    /// they carry operating-system process ids and times.
+    /// they carry operating-system process ids and times; nor does `driver/cockpit`, which says when a person's page
+    /// did something.
     pub fn is_repeatable(&self) -> bool {
-        self.name != topic::CONTROL && self.name != topic::REPORT
+        ![topic::CONTROL, topic::REPORT, topic::COCKPIT].contains(&self.name)
     }
 }
 

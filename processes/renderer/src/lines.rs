@@ -53,6 +53,7 @@ impl<W: Write> EventLines<W> {
             Ok(EpisodeEnd::Goal) => success,
             Ok(EpisodeEnd::Collision) => "ended by a collision",
             Ok(EpisodeEnd::OutOfTime) => "out of time",
+            Ok(EpisodeEnd::Voided) => "void: nobody was at the wheel any more",
             Ok(EpisodeEnd::Running) | Err(_) => return Ok(()),
         };
         let (episode, step) = (outcome.header.episode, outcome.header.step);

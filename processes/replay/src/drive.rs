@@ -344,6 +344,7 @@ impl Reading {
             // These are no part of a step, and must not begin one.
             Recorded::Picture(_)
             | Recorded::Scene(_)
+            | Recorded::Cockpit(_)
             | Recorded::Control(_)
             | Recorded::Report(_) => {
                 if step.is_empty() {

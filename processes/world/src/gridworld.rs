@@ -14,6 +14,7 @@ pub struct Gridworld {
     world: World,
     outcome: discrete::Outcome,
     step_ns: u64,
+    is_given_up: bool,
     picture: Output<Picture>,
     text: String,
 }
@@ -37,6 +38,7 @@ impl Gridworld {
             world,
             outcome: discrete::Outcome::default(),
             step_ns: scene.step_ns(),
+            is_given_up: false,
             picture: node.output(topic::PICTURE)?,
             text: String::with_capacity(2 * PICTURE_BYTES),
         })
@@ -53,6 +55,7 @@ impl Truth for Gridworld {
     fn reset(&mut self, seed: u64, episode: u32) {
         self.world.reset(seed, episode, episode); // scenarios take turns
         self.outcome = discrete::Outcome::default();
+        self.is_given_up = false;
     }
 
     fn step(&mut self, step: u32, action: Option<&DriverAction>) {
@@ -64,15 +67,22 @@ impl Truth for Gridworld {
         self.outcome = self.world.step(choice);
     }
 
+    fn give_up(&mut self) {
+        (self.outcome, self.is_given_up) = (discrete::Outcome::default(), true);
+    }
+
     fn is_running(&self) -> bool {
-        self.outcome.end.is_running()
+        self.outcome.end.is_running() && !self.is_given_up
     }
 
     fn tell(&self, out: &mut Outcome) {
         out.reward = self.outcome.reward;
         out.terms = self.outcome.terms;
         out.collided = u32::from(self.outcome.collided);
-        out.end = end_of(self.outcome.end).wire();
+        out.end = match self.is_given_up {
+            true => EpisodeEnd::Voided.wire(),
+            false => end_of(self.outcome.end).wire(),
+        };
         out.other = Outcome::NOTHING_TOUCHED;
     }
 

@@ -17,21 +17,29 @@ pub struct Highway {
     /// The action that holds where none comes in time.
     held: [f32; 2],
     scene: Output<Scene>,
+    /// Where everybody is after every tick; only where a person is at the wheel.
+    motion: Option<Output<Scene>>,
+    is_given_up: bool,
     /// Squared distance and index of every car present; only used where more are present than a message holds.
     by_distance: Vec<(f64, usize)>,
 }
 
 impl Highway {
-    /// A world with a port for what is true.
+    /// A world with a port for what is true, and one for what a person at the wheel sees move.
     ///
     /// # Errors
-    /// When the port cannot be made.
-    pub fn new(node: &Node, world: World) -> Result<Self> {
+    /// When a port cannot be made.
+    pub fn new(node: &Node, world: World, has_cockpit: bool) -> Result<Self> {
         Ok(Self {
             world,
             outcome: highway::Outcome::default(),
             held: [0.0; 2],
             scene: node.output(topic::SCENE)?,
+            motion: match has_cockpit {
+                true => Some(node.output(topic::MOTION)?),
+                false => None,
+            },
+            is_given_up: false,
             by_distance: Vec::with_capacity(1024),
         })
     }
@@ -48,6 +56,7 @@ impl Truth for Highway {
     fn reset(&mut self, seed: u64, episode: u32) {
         self.world.reset(seed, episode);
         (self.outcome, self.held) = (highway::Outcome::default(), [0.0; 2]);
+        self.is_given_up = false;
     }
 
     fn step(&mut self, _: u32, action: Option<&DriverAction>) {
@@ -57,12 +66,47 @@ impl Truth for Highway {
         self.outcome = self.world.step(self.held);
     }
 
+    fn ticks(&self) -> u32 {
+        self.world.scene().clock.ticks_per_step
+    }
+
+    fn tick(&mut self, _: u32, action: Option<&DriverAction>) -> bool {
+        if let Some(action) = action {
+            self.held = [action.throttle, action.steer];
+        }
+        let is_last = self.world.tick(self.held);
+        if is_last {
+            self.outcome = self.world.finish_step();
+        }
+        is_last
+    }
+
+    fn show_motion(&mut self, stamp: Stamp) -> Result<()> {
+        let Self {
+            world,
+            by_distance,
+            motion,
+            ..
+        } = self;
+        if let Some(motion) = motion {
+            motion.send_with(stamp, |out| write_scene(world, by_distance, out))?;
+        }
+        Ok(())
+    }
+
+    fn give_up(&mut self) {
+        (self.outcome, self.is_given_up) = (highway::Outcome::default(), true);
+    }
+
     fn is_running(&self) -> bool {
-        self.outcome.end == End::Running
+        self.outcome.end == End::Running && !self.is_given_up
     }
 
     fn tell(&self, out: &mut Outcome) {
         write_outcome(&self.outcome, out);
+        if self.is_given_up {
+            out.end = EpisodeEnd::Voided.wire();
+        }
     }
 
     fn sense(&mut self, out: &mut LidarFrame) {
@@ -78,9 +122,9 @@ impl Truth for Highway {
         let Self {
             world, by_distance, ..
         } = self;
-        Ok(self
-            .scene
-            .send_with(stamp, |out| write_scene(world, by_distance, out))?)
+        self.scene
+            .send_with(stamp, |out| write_scene(world, by_distance, out))?;
+        self.show_motion(stamp)
     }
 }
 

@@ -18,8 +18,9 @@ pub use options::{HighwayRoad, WorldOptions};
 use anyhow::Result;
 use gridworld::Gridworld;
 use highway::Highway;
-use ports::WorldPorts;
-use runtime::{ClockMode, NEVER, Node, RunArguments, Ticker, Wake, now_ns, run_process};
+use messages::Presence;
+use ports::{Awaited, WorldPorts};
+use runtime::{ClockMode, NEVER, Node, RunArguments, Stamp, Ticker, Wake, now_ns, run_process};
 use scenario::Scenario;
 use truth::Truth;
 
@@ -30,7 +31,7 @@ use truth::Truth;
 pub fn run(arguments: &RunArguments, options: &WorldOptions) -> Result<()> {
     run_process(arguments, |node| match &options.scenario {
         Scenario::Highway(road) => {
-            let world = Highway::new(node, road.world()?)?;
+            let world = Highway::new(node, road.world()?, options.has_cockpit)?;
             drive(node, options, world)
         }
         Scenario::Gridworld(scene) => {
@@ -41,7 +42,7 @@ pub fn run(arguments: &RunArguments, options: &WorldOptions) -> Result<()> {
 }
 
 fn drive<T: Truth>(node: &mut Node, options: &WorldOptions, mut world: T) -> Result<()> {
-    let mut ports = WorldPorts::new(node)?;
+    let mut ports = WorldPorts::new(node, options.has_cockpit)?;
     if node.ready()? == Wake::Stop {
         return Ok(());
     }
@@ -59,6 +60,9 @@ fn drive<T: Truth>(node: &mut Node, options: &WorldOptions, mut world: T) -> Res
         world.reset(options.seed, episode);
         let wake = match node.arguments().clock {
             ClockMode::Lockstep => lockstep(node, &mut ports, &mut world, episode)?,
+            ClockMode::RealTime if options.has_cockpit => {
+                at_the_wheel(node, &mut ports, &mut world, episode)?
+            }
             ClockMode::RealTime => real_time(node, &mut ports, &mut world, episode)?,
         };
         if wake == Wake::Stop {
@@ -91,10 +95,11 @@ fn lockstep<T: Truth>(
         if !world.is_running() {
             break;
         }
-        if node.wait_step(&mut [&mut ports.action], episode, step, None)? == Wake::Stop {
-            return Ok(Wake::Stop);
+        match ports.await_action(node, episode, step)? {
+            Awaited::Stop => return Ok(Wake::Stop),
+            Awaited::GivenUp => world.give_up(),
+            Awaited::Action => world.step(step, ports.action.message()),
         }
-        world.step(step, ports.action.message());
     }
     Ok(Wake::Message)
 }
@@ -121,6 +126,48 @@ fn real_time<T: Truth>(
         let is_late = action.is_none_or(|action| action.header.step < step);
         world.step(step, action);
         node.count_missed(u64::from(is_late));
+    }
+    Ok(Wake::Message)
+}
+
+/// As [`real_time`], with a person at the wheel: their action may change from tick to tick, and while nobody is there
+/// the world stands still.
+fn at_the_wheel<T: Truth>(
+    node: &mut Node,
+    ports: &mut WorldPorts<T::Sensed>,
+    world: &mut T,
+    episode: u32,
+) -> Result<Wake> {
+    let tick_ns = world.step_ns() / u64::from(world.ticks().max(1));
+    let mut ticker = Ticker::new(now_ns(), tick_ns);
+    for step in 0.. {
+        ports.publish(world, episode, step)?;
+        node.end_step();
+        if !world.is_running() {
+            break;
+        }
+        loop {
+            if ports.presence(episode)? != Presence::Present {
+                match ports.await_presence(node, episode)? {
+                    (Wake::Stop, _) => return Ok(Wake::Stop),
+                    (_, Presence::GivenUp) => {
+                        world.give_up();
+                        break;
+                    }
+                    _ => ticker = Ticker::new(now_ns(), tick_ns),
+                }
+            }
+            if node.wait_tick(&mut ticker)? == Wake::Stop {
+                return Ok(Wake::Stop);
+            }
+            let action = ports.newest_action(episode)?;
+            let is_late = action.is_none_or(|action| action.header.step < step);
+            if world.tick(step, action) {
+                node.count_missed(u64::from(is_late));
+                break;
+            }
+            world.show_motion(Stamp::sensed(episode, step))?;
+        }
     }
     Ok(Wake::Message)
 }

@@ -19,6 +19,10 @@ pub struct WorldOptions {
     pub episodes: u32,
     /// Seed of everything that is drawn.
     pub seed: u64,
+    /// Whether a person is at the wheel: the world then stands still while nobody is, and on the highway their action
+    /// may change from tick to tick.
+    #[serde(default)]
+    pub has_cockpit: bool,
 }
 
 /// A highway, its own or a recorded one.

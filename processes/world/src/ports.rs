@@ -3,13 +3,27 @@
 use crate::listeners::Listeners;
 use crate::truth::Truth;
 use anyhow::Result;
-use messages::{CommAction, DriverAction, HumanBelief, Outcome, Sensed, topic};
-use runtime::{Input, InputOptions, Node, NodeError, Output, Receive, Stamp, Wake, now_ns};
+use messages::{Cockpit, CommAction, DriverAction, HumanBelief, Outcome, Presence, Sensed, topic};
+use runtime::{
+    Advance, Input, InputOptions, Node, NodeError, Output, Receive, Source as _, Stamp, Wake,
+    now_ns,
+};
 
 /// How often the world looks for messages that do not wake it.
 const LOOK_NS: u64 = 200_000;
 /// Steps that the human model may be behind; a port's buffer holds four times as many.
 const MOST_BEHIND: u32 = 16;
+
+/// What came of waiting for a person's action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Awaited {
+    /// It is there.
+    Action,
+    /// Nobody is at the wheel any more.
+    GivenUp,
+    /// The run ends.
+    Stop,
+}
 
 /// Ports of the world process.
 pub struct WorldPorts<S: Sensed> {
@@ -23,13 +37,15 @@ pub struct WorldPorts<S: Sensed> {
     /// has spoken, so the message that came last does not tell.
     human_at: Option<(u32, u32)>,
     decision: Input<CommAction>,
+    /// Where a person is at the wheel: whether they are there.
+    cockpit: Option<Input<Cockpit>>,
     /// Who is waited for though nobody needs their answer.
     pub listeners: Listeners,
 }
 
 impl<S: Sensed> WorldPorts<S> {
     /// Makes them.
-    pub fn new(node: &Node) -> Result<Self> {
+    pub fn new(node: &Node, has_cockpit: bool) -> Result<Self> {
         let receive = Receive::in_clock(node.arguments().clock);
         // Looked at once a step; where it wakes nobody, nobody has to notify it a thousand times a second.
         let asleep = InputOptions {
@@ -49,6 +65,10 @@ impl<S: Sensed> WorldPorts<S> {
             )?,
             human_at: None,
             decision: node.input_with(topic::COMM_ACTION, asleep)?,
+            cockpit: match has_cockpit {
+                true => Some(node.input(topic::COCKPIT, Receive::Newest)?),
+                false => None,
+            },
             listeners: Listeners::new(node)?,
         })
     }
@@ -93,6 +113,60 @@ impl<S: Sensed> WorldPorts<S> {
         {
             Wake::Stop => Ok(Wake::Stop),
             _ => self.await_human(node, (episode, step - 1)),
+        }
+    }
+
+    /// Whether somebody is at the wheel, as far as was heard in this episode; nobody is asked where no person drives.
+    pub fn presence(&mut self, episode: u32) -> Result<Presence> {
+        let Some(cockpit) = &mut self.cockpit else {
+            return Ok(Presence::Present);
+        };
+        cockpit.take()?;
+        let newest = cockpit.message();
+        let newest = newest.filter(|newest| newest.header.episode == episode);
+        let presence = newest.and_then(|newest| newest.presence().ok());
+        Ok(presence.unwrap_or(Presence::Absent))
+    }
+
+    /// Waits until somebody is at the wheel, or the episode is given up.
+    pub fn await_presence(&mut self, node: &mut Node, episode: u32) -> Result<(Wake, Presence)> {
+        loop {
+            let presence = self.presence(episode)?;
+            let Some(cockpit) = self.cockpit.as_mut() else {
+                return Ok((Wake::Message, presence));
+            };
+            if presence != Presence::Absent {
+                return Ok((Wake::Message, presence));
+            }
+            if node.wait(&mut [cockpit], None)? == Wake::Stop {
+                return Ok((Wake::Stop, presence));
+            }
+        }
+    }
+
+    /// Waits for the action of a step; where a person is at the wheel, also for their giving up.
+    pub fn await_action(&mut self, node: &mut Node, episode: u32, step: u32) -> Result<Awaited> {
+        if self.cockpit.is_none() {
+            let wake = node.wait_step(&mut [&mut self.action], episode, step, None)?;
+            return Ok(match wake {
+                Wake::Stop => Awaited::Stop,
+                _ => Awaited::Action,
+            });
+        }
+        loop {
+            match self.action.advance_to(episode, step)? {
+                Advance::Waiting => {}
+                Advance::There | Advance::Passed => return Ok(Awaited::Action),
+            }
+            if self.presence(episode)? == Presence::GivenUp {
+                return Ok(Awaited::GivenUp);
+            }
+            let Some(cockpit) = self.cockpit.as_mut() else {
+                continue;
+            };
+            if node.wait(&mut [&mut self.action, cockpit], None)? == Wake::Stop {
+                return Ok(Awaited::Stop);
+            }
         }
     }
 

@@ -18,6 +18,28 @@ pub trait Truth {
     /// Moves by step `step`. `action` is the newest of this episode, which may be of an earlier step, or none.
     fn step(&mut self, step: u32, action: Option<&DriverAction>);
 
+    /// Ticks of a step at which the action may change, where a person is at the wheel.
+    fn ticks(&self) -> u32 {
+        1
+    }
+
+    /// Moves by one tick of step `step`, as [`Truth::step`] by all of them; true after the step's last.
+    fn tick(&mut self, step: u32, action: Option<&DriverAction>) -> bool {
+        self.step(step, action);
+        true
+    }
+
+    /// Sends where everybody is between two steps, for the person at the wheel.
+    ///
+    /// # Errors
+    /// When the port fails.
+    fn show_motion(&mut self, _stamp: Stamp) -> Result<()> {
+        Ok(())
+    }
+
+    /// The episode is given up: nobody is at the wheel any more.
+    fn give_up(&mut self);
+
     /// Whether the episode goes on.
     fn is_running(&self) -> bool;
 

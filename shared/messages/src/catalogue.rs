@@ -59,6 +59,7 @@ pub fn for_each_message(mut visit: impl FnMut(Description)) {
     describe::<Utterance>(&mut visit);
     describe::<Display>(&mut visit);
     describe::<DriverAction>(&mut visit);
+    describe::<Cockpit>(&mut visit);
     describe::<ImagineRequest>(&mut visit);
     describe::<ImagineAnswer>(&mut visit);
     describe::<Control>(&mut visit);
@@ -73,12 +74,14 @@ pub fn for_each_topic(mut visit: impl FnMut(&'static str, Description)) {
     visit(topic::OBSERVATION, description::<Observation>());
     visit(topic::PICTURE, description::<Picture>());
     visit(topic::SCENE, description::<Scene>());
+    visit(topic::MOTION, description::<Scene>());
     visit(topic::OUTCOME, description::<Outcome>());
     visit(topic::ROBOT_BELIEF, description::<RobotBelief>());
     visit(topic::HUMAN_BELIEF, description::<HumanBelief>());
     visit(topic::COMM_ACTION, description::<CommAction>());
     visit(topic::DISPLAY, description::<Display>());
     visit(topic::DRIVER_ACTION, description::<DriverAction>());
+    visit(topic::COCKPIT, description::<Cockpit>());
     visit(topic::IMAGINE, description::<ImagineRequest>());
     visit(topic::IMAGINE_ANSWER, description::<ImagineAnswer>());
     visit(topic::CONTROL, description::<Control>());

@@ -2,9 +2,9 @@
 //! numbers that stand for nobody and nothing.
 
 use crate::{
-    CommAction, Control, ControlCommand, DecisionReason, DriverAction, EpisodeEnd, ImagineAnswer,
-    ImaginePhase, ImagineRequest, ImagineStatus, LidarFrame, ObjectPose, Outcome, ProcessState,
-    Progress, Report, UnknownNumber, Utterance, UtteranceContent,
+    Cockpit, CockpitEvent, CommAction, Control, ControlCommand, DecisionReason, DriverAction,
+    EpisodeEnd, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus, LidarFrame, ObjectPose,
+    Outcome, Presence, ProcessState, Progress, Report, UnknownNumber, Utterance, UtteranceContent,
 };
 
 impl LidarFrame {
@@ -72,6 +72,24 @@ impl DriverAction {
     /// The discrete action, if it is one; otherwise the action is throttle and steer.
     pub fn discrete(&self) -> Option<u32> {
         (self.is_choice != 0).then_some(self.choice)
+    }
+}
+
+impl Cockpit {
+    /// What it tells.
+    ///
+    /// # Errors
+    /// [`UnknownNumber`].
+    pub fn event(&self) -> Result<CockpitEvent, UnknownNumber> {
+        CockpitEvent::from_wire(self.event)
+    }
+
+    /// Whether somebody is there.
+    ///
+    /// # Errors
+    /// [`UnknownNumber`].
+    pub fn presence(&self) -> Result<Presence, UnknownNumber> {
+        Presence::from_wire(self.presence)
     }
 }
 

@@ -119,6 +119,30 @@ numbers! {
         Collision = 2,
         /// Out of time.
         OutOfTime = 3,
+        /// The person at the wheel went away and did not come back: the round does not count.
+        Voided = 4,
+    }
+
+    /// Whether a person is at the wheel.
+    pub enum Presence {
+        /// Nobody is: the world stands still.
+        Absent = 0,
+        /// Somebody is.
+        Present = 1,
+        /// Nobody has been for so long that the round is given up.
+        GivenUp = 2,
+    }
+
+    /// What a cockpit tells.
+    pub enum CockpitEvent {
+        /// How old the input is, once a step, and whether somebody is there, whenever that changes.
+        Presence = 0,
+        /// A sentence begins to be heard.
+        Heard = 1,
+        /// A sentence was not played: the page has no sound.
+        Unheard = 2,
+        /// A display is seen for the first time.
+        Seen = 3,
     }
 
     /// How a decision came about.

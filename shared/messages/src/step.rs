@@ -38,6 +38,8 @@ pub mod topic {
     pub const PICTURE: &str = "world/picture";
     /// [`Scene`](crate::Scene): highway → renderer, recorder.
     pub const SCENE: &str = "world/scene";
+    /// [`Scene`](crate::Scene) between the steps, where a person is at the wheel: highway → driver.
+    pub const MOTION: &str = "world/motion";
     /// [`Outcome`](crate::Outcome): world → all.
     pub const OUTCOME: &str = "world/outcome";
     /// [`RobotBelief`](crate::RobotBelief): belief → planner, renderer.
@@ -50,6 +52,8 @@ pub mod topic {
     pub const DISPLAY: &str = "comm/display";
     /// [`DriverAction`](crate::DriverAction): driver → world, human, belief, planner.
     pub const DRIVER_ACTION: &str = "driver/action";
+    /// [`Cockpit`](crate::Cockpit): a person's cockpit → world, recorder.
+    pub const COCKPIT: &str = "driver/cockpit";
     /// [`ImagineRequest`](crate::ImagineRequest): planner → human.
     pub const IMAGINE: &str = "human/imagine";
     /// [`ImagineAnswer`](crate::ImagineAnswer): human → planner.
@@ -236,6 +240,33 @@ message! {
         pub choice: u32,
         /// 1 if the action is `choice`, 0 if it is throttle and steer.
         pub is_choice: u32,
+    } header: yes
+}
+
+message! {
+    /// What the page of a person at the wheel tells of itself: whether they are there, how old their input is, and when
+    /// they saw and heard what was sent.
+    pub struct Cockpit, "1" {
+        /// Header; episode and step are those that it is about.
+        pub header: Header,
+        /// When it happened: for a sentence its onset, for a display when it was first drawn; in nanoseconds, as
+        /// `Header::sent_ns`.
+        pub happened_ns: u64,
+        /// How long ago the newest input arrived; 0 where there was none.
+        pub input_age_ns: u64,
+        /// From sending a state to hearing that it was drawn, as last measured; 0 where it was not.
+        pub round_trip_ns: u64,
+        /// The sentence; in memory, zero-padded UTF-8.
+        pub text: [u8; 64] as text,
+        /// The sentence's item, as in [`Utterance::item`](crate::Utterance::item).
+        pub item: u32,
+        /// [`CockpitEvent`](crate::CockpitEvent): 0 presence, 1 a sentence is heard, 2 is not heard, 3 a display is
+        /// seen.
+        pub event: u32,
+        /// [`Presence`](crate::Presence): 0 absent, 1 present, 2 given up.
+        pub presence: u32,
+        /// Pages that are open.
+        pub pages: u32,
     } header: yes
 }
 

@@ -12,7 +12,7 @@ use crate::poll::Poll;
 use crate::shared::SharedNode;
 use crate::signal;
 use messages::{Control, ControlCommand, Message, topic};
-use std::os::fd::{AsRawFd, OwnedFd};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -72,6 +72,21 @@ impl Observer {
             instance: instance.to_owned(),
             name: name.to_owned(),
         })
+    }
+
+    /// As [`Observer::attach`], for a process that the set's launcher started: it ends with its launcher, and in order
+    /// when it is told to.
+    ///
+    /// # Errors
+    /// As [`Observer::attach`]; [`NodeError::System`].
+    pub fn join(arguments: &RunArguments) -> Result<Self, NodeError> {
+        signal::install()?;
+        let launcher = signal::follow_launcher(arguments)?;
+        let observer = Self::attach(&arguments.root, &arguments.instance, &arguments.process);
+        // The observer has a descriptor of its own.
+        // SAFETY: a descriptor that was opened for us, and that nobody else knows.
+        drop(unsafe { OwnedFd::from_raw_fd(launcher) });
+        observer
     }
 
     fn open(

@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test uses its share
 
 use messages::{
-    CommAction, Control, Display, DriverAction, Field, HumanBelief, LidarFrame, Message,
+    Cockpit, CommAction, Control, Display, DriverAction, Field, HumanBelief, LidarFrame, Message,
     Observation, Outcome, Picture, Report, RobotBelief, Scene,
 };
 use recorder::recording::About;
@@ -40,6 +40,7 @@ pub fn step_messages(step: u32) -> Vec<Recorded> {
         (&known::<CommAction>(step, 5)).into(),
         (&known::<Display>(step, 6)).into(),
         (&known::<DriverAction>(step, 7)).into(),
+        (&known::<Cockpit>(step, 12)).into(),
         (&known::<Control>(step, 8)).into(),
         (&known::<Report>(step, 9)).into(),
     ]
@@ -109,6 +110,7 @@ pub fn values(message: &Recorded) -> Value {
         Recorded::CommAction(_) => CommAction::fields(),
         Recorded::Display(_) => Display::fields(),
         Recorded::DriverAction(_) => DriverAction::fields(),
+        Recorded::Cockpit(_) => Cockpit::fields(),
         Recorded::Control(_) => Control::fields(),
         Recorded::Report(_) => Report::fields(),
     };

@@ -14,6 +14,7 @@ pub mod geometry;
 pub mod lidar;
 mod memory;
 pub mod modalities;
+pub mod outline;
 pub mod person;
 pub mod road;
 pub mod scene;

@@ -57,6 +57,19 @@ pub struct World {
     step: u32,
     moving: bool,
     end: End,
+    /// The step that [`World::tick`] has begun.
+    begun: Option<BegunStep>,
+}
+
+/// A step between its first tick and its last.
+#[derive(Clone, Copy, Debug)]
+struct BegunStep {
+    /// Ticks of it that are over.
+    ticks: u32,
+    lane_before: usize,
+    touched: i32,
+    throttle: f64,
+    steer: f64,
 }
 
 impl World {
@@ -126,6 +139,7 @@ impl World {
             step: 0,
             moving: false,
             end: End::Running,
+            begun: None,
         };
         world.reset(0, 0);
         world
@@ -189,6 +203,7 @@ impl World {
         self.order.clear();
         self.order.extend(0..self.cars.len() as u32);
         self.time_s = start_s;
+        self.begun = None;
         (self.ticks, self.step, self.end, self.moving) = (0, 0, End::Running, self.recorded);
         self.place_ego(case);
         self.sort();
@@ -230,12 +245,15 @@ impl World {
 
     /// Moves the world by one control step. Past a round's end it stands still and gives no reward.
     pub fn step(&mut self, action: [f32; 2]) -> Outcome {
+        while !self.tick(action) {}
+        self.finish_step()
+    }
+
+    /// Moves the world by one physics tick of a control step, for a person at the wheel, whose action may change from
+    /// tick to tick; true if it was the step's last, after which [`World::finish_step`] says what the step led to.
+    pub fn tick(&mut self, action: [f32; 2]) -> bool {
         if self.end != End::Running {
-            return Outcome {
-                end: self.end,
-                other: NOTHING,
-                ..Outcome::default()
-            };
+            return true;
         }
         let finite = |value: f32| {
             if value.is_finite() {
@@ -244,22 +262,49 @@ impl World {
                 0.0
             }
         };
-        let [throttle, steer] = match &self.seat {
-            Some(seat) => self
-                .course
-                .recorded_action(&self.scene, seat, self.time_s)
-                .map(f64::from),
-            None => action.map(finite),
+        let mut begun = match self.begun {
+            Some(begun) => begun,
+            None => BegunStep {
+                ticks: 0,
+                lane_before: self.ego.lane,
+                touched: NOTHING,
+                throttle: 0.0,
+                steer: 0.0,
+            },
         };
-        self.moving |= throttle > 0.0;
-        let lane_before = self.ego.lane;
-        let mut touched = NOTHING;
-        for _ in 0..self.scene.clock.ticks_per_step {
-            touched = self.tick(throttle, steer);
-            if touched != NOTHING {
-                break;
+        match &self.seat {
+            None => [begun.throttle, begun.steer] = action.map(finite),
+            Some(seat) if begun.ticks == 0 => {
+                [begun.throttle, begun.steer] = self
+                    .course
+                    .recorded_action(&self.scene, seat, self.time_s)
+                    .map(f64::from);
             }
+            Some(_) => {} // a recorded action is a whole step's
         }
+        self.moving |= begun.throttle > 0.0;
+        begun.touched = self.move_all(begun.throttle, begun.steer);
+        begun.ticks += 1;
+        self.begun = Some(begun);
+        begun.touched != NOTHING || begun.ticks >= self.scene.clock.ticks_per_step
+    }
+
+    /// What the control step led to whose last tick is over; as [`World::step`] without another tick.
+    pub fn finish_step(&mut self) -> Outcome {
+        let Some(begun) = self.begun.take().filter(|_| self.end == End::Running) else {
+            return Outcome {
+                end: self.end,
+                other: NOTHING,
+                ..Outcome::default()
+            };
+        };
+        let BegunStep {
+            lane_before,
+            touched,
+            throttle,
+            steer,
+            ..
+        } = begun;
         self.step += 1;
         self.sense();
         self.end = if touched != NOTHING {
@@ -286,8 +331,8 @@ impl World {
         self.score(throttle, steer, lane_before, touched)
     }
 
-    /// One physics tick; what the ego car touched.
-    fn tick(&mut self, throttle: f64, steer: f64) -> i32 {
+    /// One physics tick of everybody; what the ego car touched.
+    fn move_all(&mut self, throttle: f64, steer: f64) -> i32 {
         let tick_s = 1.0 / self.scene.clock.tick_hz;
         if self.moving {
             self.ticks += 1;
