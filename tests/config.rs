@@ -143,7 +143,7 @@ fn what_is_learned_of_people_has_settings_too() {
         tensors(&out)
     };
     for (kind, change) in [
-        ("mirror", "[implants]\niterations = 20\n"),
+        ("mirror", "[implants]\npoints = 5\n"),
         ("bc", "[policy]\nhidden = 20\n"),
         ("bc", "[cloning]\nlearning_rate = 0.01\n"),
     ] {
@@ -171,7 +171,7 @@ fn what_nobody_understands_is_refused_with_its_place() {
             "[network]\nlatent = 500\n",
             "mine.toml: [network]",
         ),
-        ("highway", "[implants]\nwindow = 1\n", "[implants]"),
+        ("highway", "[implants]\npoints = 0\n", "[implants]"),
     ] {
         let config = bench.write("mine.toml", text);
         let out = bench.path("none");

@@ -191,6 +191,10 @@ const SHORTER: &[(&str, &str)] = &[
         "mirror evaluate implants --quick --people 1 --out out/implants",
     ),
     (
+        "mirror evaluate foresight --out out/foresight",
+        "mirror evaluate foresight --quick --people 1 --out out/foresight",
+    ),
+    (
         "mirror evaluate drive --out docs/drive --results RESULTS.md",
         "mirror evaluate drive --quick --people 1 --conditions clear,silent --out docs/drive --results RESULTS.md",
     ),

@@ -11,7 +11,7 @@ use common::{mirror, run, told};
 use domains::discrete::{self, Discrete, SimulatedPerson};
 use domains::highway::modalities::layout;
 use domains::highway::{self, Cockpit, Person, SimulatedDriver};
-use models::{Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
+use models::{Kind, PersonalPolicy, Posterior, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
 use mutate::Mutator;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -277,7 +277,7 @@ fn models_and_what_was_learned() {
     let highway = layout();
     let sizes = Sizes::of(&highway).with_hidden(4);
     let model = SelfModel::new(sizes, highway.clone(), rng);
-    let implants = Implants::new(&model, true, rng);
+    let implants = Posterior::neutral(&model, true);
     let policy_sizes = RecurrentSizes {
         hidden: 4,
         ..RecurrentSizes::of(&highway, 1)
@@ -295,7 +295,7 @@ fn models_and_what_was_learned() {
     fuzz.refused.clear();
     let original = bytes_of(&|path| implants.save(path, &model, 0, "tests").unwrap());
     fuzz.read(&original, 100, &|path| {
-        refusal(Implants::load(path, &model)).map(drop)
+        refusal(Posterior::load(path, &model)).map(drop)
     });
     fuzz.refused.clear();
     let original = bytes_of(&|path| {
@@ -318,11 +318,11 @@ fn models_and_what_was_learned() {
         layout,
     )
     .unwrap();
-    let implants = Implants::new(&model, true, rng);
+    let implants = Posterior::neutral(&model, true);
     let original = bytes_of(&|path| implants.save(path, &model, 0, "tests").unwrap());
     fuzz.refused.clear();
     fuzz.read(&original, 100, &|path| {
-        refusal(Implants::load(path, &model)).map(drop)
+        refusal(Posterior::load(path, &model)).map(drop)
     });
 }
 
@@ -375,11 +375,7 @@ fn demonstrations() {
     let original = vec![std::fs::read(&file).unwrap()];
     fuzz.read(&original, 150, &|path| {
         let layout = highway::modalities::layout();
-        let read = refusal(training::rounds::Rounds::load(path, &layout))?;
-        let settings = training::implants::Settings::default();
-        // What is too short to learn from is said with the file's name by who asked.
-        drop(training::implants::windows(&read, &settings, 8));
-        Ok(())
+        refusal(training::rounds::Rounds::load(path, &layout)).map(drop)
     });
     let train = |domain: &str, path: &Path| {
         [

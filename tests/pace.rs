@@ -5,7 +5,7 @@ mod common;
 use common::{Bench, assert_nothing_left, instance, mirror, run, summary, told};
 use serde_json::Value;
 
-/// Sixty simulated seconds in one: no machine plans within a step of 2.5 ms.
+/// Sixty simulated seconds in one: no machine plans by the cross-entropy method within a step of 2.5 ms.
 const FAST: &str = "name = \"fast\"\n[clock]\nrate = 60.0\n[episode]\nmax_steps = 200\n";
 
 /// The share of a step that a plan may take, where this machine is to keep up.
@@ -22,7 +22,15 @@ fn who_drives_without_timely_decisions_is_told_so_at_once_and_in_the_summary() {
     let (file, scene) = (bench.path("up.json"), bench.write("fast.toml", FAST));
     let mut command = mirror();
     command
-        .args(["up", "--human", "self", "--clock", "realtime"])
+        .args([
+            "up",
+            "--human",
+            "self",
+            "--planner",
+            "ce",
+            "--clock",
+            "realtime",
+        ])
         .args(["--episodes", "2", "--instance", &name, "--self-model"])
         .arg(bench.path("self.safetensors"))
         .arg("--scene")

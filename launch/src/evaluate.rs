@@ -1,6 +1,9 @@
 //! `mirror evaluate`: the paper's studies with simulated people, without processes.
 
-use crate::cli::{Domain, Evaluate, EvaluateDriveArguments, EvaluateImplantsArguments, Setting};
+use crate::cli::{
+    Domain, Evaluate, EvaluateDriveArguments, EvaluateForesightArguments,
+    EvaluateImplantsArguments, Setting,
+};
 use crate::console::out;
 use crate::failure::Failure;
 use crate::inputs;
@@ -13,7 +16,8 @@ use domains::highway::Scene;
 use experiments::claims::write_study;
 use experiments::drive::{Condition, Study};
 use experiments::drive_report::{ConditionSummary, Report};
-use experiments::implants;
+use experiments::table::write_json;
+use experiments::{foresight, implants};
 use planning::items::highway_settings_of;
 use std::path::Path;
 use std::process::ExitCode;
@@ -34,6 +38,7 @@ pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
             Some(domain) => evaluate_gridworld::implants(arguments, domain),
             None => implants(arguments),
         },
+        Evaluate::Foresight(arguments) => foresight(arguments),
         Evaluate::All(arguments) => evaluate_all::all(arguments, evaluate),
     }
 }
@@ -47,7 +52,39 @@ fn results_of(study: &Evaluate) -> Option<&Path> {
         Evaluate::Real(arguments) => arguments.files.results.as_deref(),
         Evaluate::Implants(arguments) => arguments.files.results.as_deref(),
         Evaluate::All(arguments) => arguments.results.as_deref(),
+        Evaluate::Foresight(_) => None,
     }
+}
+
+/// `mirror evaluate foresight`: ranges foreseen against those measured.
+fn foresight(arguments: &EvaluateForesightArguments) -> Result<ExitCode, Failure> {
+    let (_, model) =
+        inputs::self_model(None, arguments.self_model.as_deref()).map_err(Failure::refused)?;
+    let out: &Path = &arguments.out;
+    std::fs::create_dir_all(out)
+        .with_context(|| out.display().to_string())
+        .map_err(Failure::refused)?;
+    let quick = arguments.quick;
+    let study = foresight::Study {
+        people: arguments
+            .people
+            .min(if quick { QUICK_PEOPLE } else { PEOPLE }),
+        seeds: if quick { 1 } else { arguments.seeds.into() },
+        seed: arguments.seed,
+    };
+    let progress = Progress::new("looking ahead", study.people.into());
+    let report = foresight::run(&study, &model, &mut |done| {
+        progress.at(done.into(), "people")
+    });
+    progress.finish();
+    let report = report?;
+    for line in report.lines() {
+        out!("{line}");
+    }
+    let path = out.join("foresight.json");
+    write_json(&path, &report)?;
+    out!("{}", path.display());
+    Ok(ExitCode::SUCCESS)
 }
 
 /// `mirror evaluate drive`: collisions and communication under each condition.
@@ -197,7 +234,7 @@ fn implants(arguments: &EvaluateImplantsArguments) -> Result<ExitCode, Failure> 
     std::fs::create_dir_all(out)
         .with_context(|| out.display().to_string())
         .map_err(Failure::refused)?;
-    let settings = training::implants::Settings::default();
+    let settings = training::implants::ImplantSettings::of(domains::highway::modalities::NAME);
     let transfer = arguments.setting == Setting::Transfer;
     let mut reports = Vec::new();
     out!(

@@ -6,12 +6,10 @@
 use crate::console::out;
 use crate::place;
 use anyhow::{Context, Result};
-use models::{Beliefs, Implants, SelfHuman};
+use models::{Beliefs, Posterior, SelfHuman};
 use nn::Tensor;
 use planning::planner::From;
 use planning::{Chooser, Method, Settings, ThreadedPeople};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
 use std::time::{Duration, Instant};
 
 /// The scene of `mirror up` without options.
@@ -98,7 +96,7 @@ fn measure() -> Result<Pace> {
     person.deviation.copy_from(&std);
     let shape = model.sizes.shape;
     // What the implants have learned takes no time: these have learned nothing.
-    let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(1));
+    let implants = Posterior::neutral(&model, true);
     let human = SelfHuman::new(model.clone(), Some(implants), 0);
     let mut people = ThreadedPeople::spawn(human, person, settings.most_rows(), &shape);
     let mut planner = Chooser::new(Method::Race, settings, &model);

@@ -11,13 +11,11 @@ use domains::discrete::{self, Discrete, Setting};
 use domains::highway::{self, Person};
 use driver::Driving;
 use models::{Kind, SelfModel};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
-use training::config::{self, Checked, Config, ConfigError, GridworldConfig, HighwayConfig};
-use training::people::{Demonstrations, ImplantLearner, learn, wants_original};
+use training::config::Config;
+use training::people::{Demonstrations, learn, wants_original};
 use training::rounds::{Round, Rounds};
 
 /// Rounds on the highway that `mirror up` learns from: each of the six cases once.
@@ -96,20 +94,7 @@ fn drive(setting: Setting, person: &str, seed: u64, rounds: usize) -> Result<Rou
 /// `mirror train human`: learns implants or a policy from demonstrations.
 pub fn train_human(arguments: &TrainHumanArguments) -> Result<ExitCode, Failure> {
     let (domain, file) = (arguments.domain.name(), arguments.config.as_deref());
-    match arguments.domain.gridworld() {
-        Some(_) => train_with(arguments, GridworldConfig::load(domain, file)),
-        None => train_with(arguments, HighwayConfig::load(domain, file)),
-    }
-}
-
-fn train_with<I>(
-    arguments: &TrainHumanArguments,
-    config: Result<Config<I>, ConfigError>,
-) -> Result<ExitCode, Failure>
-where
-    I: Checked + DeserializeOwned + Serialize + ImplantLearner,
-{
-    let config = config.map_err(Failure::refused)?;
+    let config = Config::load(domain, file).map_err(Failure::refused)?;
     if arguments.print_config {
         out!("{}", config.to_toml().trim_end());
         return Ok(ExitCode::SUCCESS);
@@ -169,7 +154,7 @@ where
     let all = std::iter::once(&rounds).chain(&original);
     let lengths = all.flat_map(|rounds| rounds.rounds.iter().map(Round::len));
     let least = match kind.is_self_model() {
-        true => config.implants.least_steps(&rounds),
+        true => config.implants.skip + 1,
         false => 1,
     };
     let rounds = rounds_in_words(lengths, least);
@@ -207,7 +192,7 @@ pub fn driver_at_start(
     scene: &highway::Scene,
     person: &Person,
     kind: Kind,
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     path: &Path,
 ) -> Result<()> {
     // What a person sees depends on the fog; recorded traffic offers one short round, the highway as many as are needed.
@@ -226,8 +211,8 @@ pub fn driver_at_start(
         person.id
     );
     let demonstrations = Demonstrations::of(&rounds);
-    let config = config::highway();
-    learn_to(path, kind, model, &demonstrations, config, 0, &title)
+    let config = Config::shipped(rounds.domain);
+    learn_to(path, kind, model, &demonstrations, &config, 0, &title)
         .context("learning the human model")?;
     Ok(())
 }
@@ -242,7 +227,7 @@ pub fn person_at_start(
     scene: &discrete::Scene,
     person: &str,
     kind: Kind,
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     path: &Path,
 ) -> Result<()> {
     let scenarios = inputs::world(scene)?.scenarios();
@@ -259,19 +244,19 @@ pub fn person_at_start(
         original: original.as_ref(),
         ..Demonstrations::of(&rounds)
     };
-    let config = config::gridworld(rounds.domain);
+    let config = Config::shipped(rounds.domain);
     learn_to(path, kind, model, &demonstrations, &config, 0, &title)
         .context("learning the human model")?;
     Ok(())
 }
 
 /// Learns what `kind` takes and writes it to `path`; gives a word about how it went.
-fn learn_to<I: ImplantLearner>(
+fn learn_to(
     path: &Path,
     kind: Kind,
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     demonstrations: &Demonstrations,
-    config: &Config<I>,
+    config: &Config,
     seed: u64,
     title: &str,
 ) -> Result<String> {

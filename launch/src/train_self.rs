@@ -10,12 +10,11 @@ use anyhow::{Context, Result};
 use domains::discrete::{End, Setting};
 use models::Sizes;
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use training::config::{Checked, Config, GridworldConfig, HighwayConfig};
+use training::config::Config;
 use training::environment::{Environment, shipped};
 use training::rollout::Actor;
 use training::self_model::{SelfModelSettings, Trainer};
@@ -29,21 +28,9 @@ const EVALUATED: [u32; 2] = [30, 90];
 
 /// Runs `mirror train self`.
 pub fn train_self(arguments: &TrainSelfArguments) -> Result<ExitCode, Failure> {
-    match arguments.domain.gridworld() {
-        Some(_) => train_with(arguments, GridworldConfig::load),
-        None => train_with(arguments, HighwayConfig::load),
-    }
-}
-
-type Load<I> = fn(&str, Option<&Path>) -> Result<Config<I>, training::config::ConfigError>;
-
-fn train_with<I>(arguments: &TrainSelfArguments, load: Load<I>) -> Result<ExitCode, Failure>
-where
-    I: Checked + DeserializeOwned + Serialize,
-{
     let plan = || -> Result<_> {
         let (domain, file) = (arguments.domain.name(), arguments.config.as_deref());
-        let mut config = load(domain, file)?;
+        let mut config = Config::load(domain, file)?;
         let environment = shipped(domain, Setting::Original)?;
         let sizes = config.sizes(environment.layout(), file)?;
         let phases = arguments.phases.unwrap_or(config.self_model.phases);

@@ -8,6 +8,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 
@@ -22,6 +23,13 @@ const NAMES: [&str; 5] = [
     "google-chrome-stable",
     "/usr/bin/chromium",
 ];
+
+/// Held by a test while it uses browsers: each draws with a processor of its own, and a page that gets none of it falls
+/// silent.
+pub fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The browser's program; none where there is none.
 pub fn found() -> Option<PathBuf> {
@@ -66,7 +74,7 @@ impl Browser {
                 "--use-angle=swiftshader",
                 "--enable-unsafe-swiftshader",
                 "--ignore-gpu-blocklist",
-                "--window-size=800,450",
+                "--window-size=640,400",
                 "--remote-debugging-port=0",
             ])
             .arg(format!("--user-data-dir={}", profile.path().display()))

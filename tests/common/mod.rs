@@ -4,7 +4,7 @@
 pub mod others;
 
 use domains::highway::modalities::layout;
-use models::{Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
+use models::{Kind, PersonalPolicy, Posterior, RecurrentPolicy, RecurrentSizes, SelfModel, Sizes};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use runtime::instance::{nodes, prefix, root_for};
@@ -67,7 +67,7 @@ impl Bench {
     /// Implants that learned nothing either.
     pub fn write_implants(&self) {
         let model = SelfModel::load(&self.path("self.safetensors"), layout()).unwrap();
-        let implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(2));
+        let implants = Posterior::neutral(&model, true);
         let path = self.path("implants.safetensors");
         implants.save(&path, &model, 0, "tests").unwrap();
     }

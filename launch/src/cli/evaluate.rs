@@ -24,6 +24,9 @@ pub enum Evaluate {
     /// What was learned of people's sight, against the truth
     #[command(after_help = examples::IMPLANTS)]
     Implants(EvaluateImplantsArguments),
+    /// What the highway's self-model foresees of cars that come near, against what then happens
+    #[command(after_help = examples::FORESIGHT)]
+    Foresight(EvaluateForesightArguments),
     /// Every study, one after the other, and the time of each
     #[command(after_help = examples::ALL)]
     All(EvaluateAllArguments),
@@ -184,6 +187,29 @@ pub struct EvaluateImplantsArguments {
     #[command(flatten)]
     pub files: StudyFiles,
     /// Three people: to see that it runs
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Options of `mirror evaluate foresight`.
+#[derive(Args, Debug)]
+pub struct EvaluateForesightArguments {
+    /// How many of the simulated people drive, in fog and without an assistant
+    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=21))]
+    pub people: u32,
+    /// Seeds; each has the six cases
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub seeds: u32,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for foresight.json
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Three people, one seed: to see that it runs
     #[arg(long)]
     pub quick: bool,
 }

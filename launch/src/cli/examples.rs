@@ -101,6 +101,13 @@ Examples:
   # Three people of gridworld driving
   mirror evaluate implants --domain driving --quick --out out/quick";
 
+pub const FORESIGHT: &str = "\
+Examples:
+  # Everybody, three seeds
+  mirror evaluate foresight --out out/foresight
+  # A self-model of your own, three people
+  mirror evaluate foresight --self-model self.safetensors --quick --out out/quick";
+
 pub const ALL: &str = "\
 Examples:
   # As in RESULTS.md: hours

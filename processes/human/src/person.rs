@@ -6,9 +6,8 @@ use messages::{
     Display, DriverAction, HumanBelief, ImagineAnswer, ImaginePhase, ImagineRequest, ImagineStatus,
     MAX_GROUP, Message,
 };
-use models::human::following;
 use models::imagined::{Futures, ImaginedGroups, Moment};
-use models::{ActionDistribution, Beliefs, Communicated, HumanModel, Observations};
+use models::{ActionDistribution, Beliefs, Communicated, FollowedPerson, HumanModel, Observations};
 use nn::Tensor;
 
 /// Groups of imagined people that a planner may keep at the same time.
@@ -22,11 +21,9 @@ pub struct ModelledPerson<S: Senses> {
     senses: S,
     /// Seed of the run, for models by which it is chance what people perceive.
     seed: u64,
-    noise: Vec<f32>,
-    beliefs: Beliefs,
+    person: FollowedPerson,
     observations: Observations,
     action: Tensor,
-    expected: ActionDistribution,
     position: Option<(u32, u32)>,
     remembered: [Remembered; REMEMBERED],
     next: usize,
@@ -47,20 +44,17 @@ impl<S: Senses> ModelledPerson<S> {
     /// A person who perceived nothing yet; `seed` is the run's.
     pub fn new(mut model: Box<dyn HumanModel>, senses: S, seed: u64) -> Self {
         let shape = senses.shape();
-        let latent = model.latent();
         let mut groups = ImaginedGroups::new(&*model, GROUPS, MAX_GROUP);
         groups.warm(&mut *model, &shape, MAX_GROUP);
         Self {
             seed,
-            noise: vec![0.0; model.noise_rows()],
-            beliefs: Beliefs::new(latent, 1),
+            person: FollowedPerson::new(&*model, &shape),
             observations: Observations::new(&shape, 1),
             action: Tensor::new(shape.action, 1),
-            expected: ActionDistribution::new(model.actions(), 1),
             position: None,
             remembered: core::array::from_fn(|_| Remembered {
                 position: None,
-                beliefs: Beliefs::new(latent, 1),
+                beliefs: Beliefs::of_person(&*model),
             }),
             next: 0,
             groups,
@@ -97,21 +91,20 @@ impl<S: Senses> ModelledPerson<S> {
         self.write_action(taken);
         let starts = step == 0 || !self.follows(episode);
         if starts {
-            self.beliefs.reset();
+            self.person.reset(&*self.model);
         } else {
-            out.log_likelihood = self.expected.log_density(0, self.action.column(0));
+            out.log_likelihood = self.person.expected().log_density(0, self.action.column(0));
         }
         let communicated = self.senses.take_in(sensed, display, &mut self.observations);
         let at = [self.seed, u64::from(episode), u64::from(step)];
-        let noise = following(&*self.model, at, &mut self.noise);
-        self.model.perceive(
-            &mut self.beliefs,
-            &self.action,
-            &self.observations,
-            &[communicated],
-            noise,
+        let seen = &self.observations;
+        self.person.perceive(
+            &mut *self.model,
+            (seen.visual.column(0), seen.verbal.column(0)),
+            communicated,
+            self.action.column(0),
+            at,
         );
-        self.model.act(&self.beliefs, &mut self.expected);
         self.position = Some((episode, step));
         self.remember();
         self.report(out);
@@ -122,7 +115,7 @@ impl<S: Senses> ModelledPerson<S> {
         let column = self.action.column_mut(0);
         column.fill(0.0);
         let Some(taken) = taken else { return };
-        match self.expected {
+        match self.person.expected() {
             ActionDistribution::Gaussian { .. } => {
                 column.copy_from_slice(&[taken.throttle, taken.steer]);
             }
@@ -141,18 +134,15 @@ impl<S: Senses> ModelledPerson<S> {
         let place = &mut self.remembered[self.next];
         self.next = (self.next + 1) % REMEMBERED;
         place.position = self.position;
-        place.beliefs.fresh = self.beliefs.fresh;
-        place.beliefs.mean.copy_from(&self.beliefs.mean);
-        place.beliefs.deviation.copy_from(&self.beliefs.deviation);
-        place.beliefs.z.copy_from(&self.beliefs.z);
+        place.beliefs.copy_from(&self.person.beliefs);
     }
 
     fn report(&self, out: &mut HumanBelief) {
-        let latent = self.beliefs.mean.rows().min(out.mean.len());
+        let latent = self.model.latent().min(out.mean.len());
         out.latent = latent as u32;
-        out.mean[..latent].copy_from_slice(&self.beliefs.mean.column(0)[..latent]);
-        out.deviation[..latent].copy_from_slice(&self.beliefs.deviation.column(0)[..latent]);
-        match &self.expected {
+        self.person
+            .moments(&mut out.mean[..latent], &mut out.deviation[..latent]);
+        match self.person.expected() {
             ActionDistribution::Gaussian { mean, deviation } => {
                 for (mean, u) in out.action_mean.iter_mut().zip(mean.column(0)) {
                     *mean = u.tanh();

@@ -10,7 +10,7 @@ use messages::{
 };
 use models::utterances::UtteranceTable;
 use models::{
-    Implants, Kind, PersonalPolicy, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
+    Kind, PersonalPolicy, Posterior, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,8 +28,8 @@ fn model() -> SelfModel {
     )
 }
 
-fn implants(with_policy: bool) -> Implants {
-    Implants::new(&model(), with_policy, &mut ChaCha8Rng::seed_from_u64(5))
+fn implants(with_policy: bool) -> Posterior {
+    Posterior::neutral(&model(), with_policy)
 }
 
 /// Somebody who sees 12 m, with an untrained policy.

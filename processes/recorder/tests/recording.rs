@@ -312,7 +312,7 @@ fn pythons_ros2_reader_decodes_every_message_to_the_values_sent() {
         String::from_utf8_lossy(&output.stderr)
     );
     assert!(
-        text.contains("144 messages of 12 topics equal what was sent"),
+        text.contains("156 messages of 13 topics equal what was sent"),
         "{text}"
     );
 }

@@ -5,7 +5,7 @@ use anyhow::Result;
 use domains::Layout;
 use domains::highway::modalities::{self, read_visual};
 use messages::HumanBelief;
-use models::{Implants, Observations, Scratch, SelfModel, WorldModel};
+use models::{Observations, Posterior, Scratch, SelfModel, WorldModel};
 use nn::Tensor;
 use scenario::Scenario;
 use std::path::Path;
@@ -35,8 +35,8 @@ impl Decoder {
         let model = SelfModel::load(model, layout)?;
         // The file of a policy has other limits: those that it was told.
         let sight = implants
-            .and_then(|path| Implants::load(path, &model).ok())
-            .map(|(implants, _)| implants.limits());
+            .and_then(|path| Posterior::load(path, &model).ok())
+            .map(|(posterior, _)| posterior.mean_limits());
         let shape = model.sizes.shape;
         let decoded = Observations::new(&shape, 1).visual;
         Ok(Self {

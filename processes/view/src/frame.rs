@@ -270,7 +270,7 @@ fn of_human(belief: &HumanBelief, decoder: &mut Decoder) -> Value {
 }
 
 fn of_decision(decision: &CommAction) -> Value {
-    json!({
+    let mut told = json!({
         "visual": decision.visual,
         "verbal": decision.verbal,
         "visual_probability": numbers(&decision.visual_probability, 3),
@@ -281,7 +281,14 @@ fn of_decision(decision: &CommAction) -> Value {
         "reason": decision.reason,
         "samples": decision.samples,
         "iterations": decision.iterations,
-    })
+    });
+    // Only the race compares now with later.
+    if decision.gain_now != 0.0 || decision.gain_later != 0.0 {
+        told["gain_now"] = round(decision.gain_now.into(), 3).into();
+        told["gain_later"] = round(decision.gain_later.into(), 3).into();
+        told["futures"] = decision.futures.into();
+    }
+    told
 }
 
 fn of_display(display: &Display) -> Value {

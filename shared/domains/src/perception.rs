@@ -14,21 +14,19 @@ pub trait Perception: Debug + Send + Sync {
     /// Limits that a person has, at least one.
     fn limits(&self) -> usize;
 
-    /// Limits that are taken to be alike where learning starts, as numbers of groups from 0.
-    fn group(&self, _limit: usize) -> usize {
-        0
+    /// Numbers that a person's limits are taken to follow from, each from 0 to [`Self::largest`]: how far people see changes little
+    /// from one region to the next, and a few rounds tell nothing of most regions.
+    fn controls(&self) -> usize {
+        1
     }
 
-    /// Groups of limits.
-    fn groups(&self) -> usize {
-        self.group(self.limits() - 1) + 1
+    /// The limits that follow from `controls`; where there is one, all are alike.
+    fn limits_of(&self, controls: &[f32]) -> Vec<f32> {
+        vec![controls[0]; self.limits()]
     }
 
     /// The largest limit, in the distance's unit: beyond it nothing is left to be seen.
     fn largest(&self) -> f32;
-
-    /// How softly gradients pass the limit, in the distance's unit: about what lies between two cases.
-    fn width(&self) -> f32;
 
     /// Standard normals that a person's perception takes in a step, where it is a matter of chance.
     fn noise_rows(&self) -> usize {

@@ -6,7 +6,6 @@
 use anyhow::{Context, Result};
 use domains::highway::{Case, Scene};
 use experiments::drive::{Condition, Rider, RoundResult, Study};
-use experiments::learned::Expert;
 use models::SelfModel;
 use planning::items::highway_settings_of;
 use rayon::prelude::*;
@@ -55,7 +54,6 @@ fn main() -> Result<()> {
         path,
         domains::highway::modalities::layout(),
     )?);
-    let expert = Expert::default();
     for name in option("--conditions").unwrap_or("silent,ideal").split(',') {
         let condition = Condition::parse(name).with_context(|| name.to_owned())?;
         let study = Study {
@@ -71,7 +69,7 @@ fn main() -> Result<()> {
         let rounds = people
             .par_iter()
             .map(|&id| -> Result<_> {
-                let mut rider = Rider::new(&study, Some(&model), &expert, condition, id)?;
+                let mut rider = Rider::new(&study, Some(&model), condition, id)?;
                 let mut rounds = Vec::new();
                 for &seed in &seeds {
                     for &case in &cases {

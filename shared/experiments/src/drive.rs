@@ -7,7 +7,7 @@ use crate::table::{Table, ensure_same};
 use anyhow::Context;
 use domains::highway::SECTORS;
 use domains::highway::display::Presenter;
-use domains::highway::modalities::PER_SECTOR;
+use domains::highway::modalities::{self, PER_SECTOR};
 use domains::highway::{
     Case, Cockpit, End, Fog, Observation, Person, Scene, Shown, SimulatedDriver, World, speech,
 };
@@ -18,7 +18,7 @@ use planning::{Assistant, Method, PlanMoment, Settings};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
-use training::config;
+use training::config::Config;
 use training::environment::visual_of;
 use training::people::{Demonstrations, learn};
 use training::rounds::Rounds;
@@ -281,8 +281,8 @@ impl Rider {
                 let model = model.context("a planner needs a self-model")?;
                 let demonstrations = demonstrate(&mut world, &mut driver, study.rounds);
                 let demonstrations = Demonstrations::of(&demonstrations);
-                let config = config::highway();
-                let learned = learn(kind, model, &demonstrations, config, 0, &|_, _, _| {})?;
+                let config = Config::shipped(modalities::NAME);
+                let learned = learn(kind, model, &demonstrations, &config, 0, &|_, _, _| {})?;
                 let human = learned.human(model);
                 Some(Assistant::new(
                     model.clone(),

@@ -12,6 +12,7 @@ use plotters::prelude::*;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
+use training::implants::{self, ImplantSettings};
 
 /// What was learned of one azimuth.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -22,6 +23,8 @@ pub struct Azimuth {
     pub true_m: f32,
     /// What was learned.
     pub learned_m: f32,
+    /// The middle nine tenths of what it may be.
+    pub interval_m: [f32; 2],
     /// Moments of the demonstrations in which a car stood in this azimuth within the LIDAR's range.
     pub moments: usize,
     /// Of these, moments in which the person could see it.
@@ -55,8 +58,8 @@ pub struct Report {
     pub seconds: f64,
     /// Demonstration rounds.
     pub rounds: usize,
-    /// First and last loss.
-    pub loss: [f32; 2],
+    /// −log-likelihood a step of what the person did, under the most probable hypothesis.
+    pub loss: f32,
     /// Mean absolute error where cars were present, in metres.
     pub error_present_m: f32,
     /// Over all azimuths.
@@ -76,11 +79,11 @@ pub struct Report {
 /// # Errors
 /// If person or scene cannot be read, or the rounds are too short.
 pub fn report(
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     id: u32,
     rounds: usize,
     transfer: bool,
-    settings: &training::implants::Settings,
+    settings: &ImplantSettings,
 ) -> anyhow::Result<Report> {
     let scene = Arc::new(Scene::builtin(if transfer {
         "highway-fog"
@@ -94,11 +97,17 @@ pub fn report(
     let mut driver = SimulatedDriver::new(&person, &fog, cockpit);
     let demonstrations = demonstrate(&mut world, &mut driver, rounds);
     let started = std::time::Instant::now();
-    let learned =
-        training::implants::learn(model, Kind::Mirror, &demonstrations, settings, |_, _| {})?;
+    let learned = implants::learn(
+        model,
+        Kind::Mirror,
+        &demonstrations,
+        settings,
+        &mut |_, _| {},
+    )?;
     let seconds = started.elapsed().as_secs_f64();
     let truth = person.visibility_m(&fog);
-    let thresholds = learned.implants.limits();
+    let thresholds = learned.posterior.mean_limits();
+    let interval = |azimuth| learned.posterior.interval(azimuth, 0.9);
     let azimuths: Vec<Azimuth> = (0..AZIMUTHS)
         .map(|azimuth| {
             let ranges = demonstrations
@@ -116,6 +125,7 @@ pub fn report(
                 azimuth,
                 true_m: truth[azimuth],
                 learned_m: thresholds[azimuth],
+                interval_m: interval(azimuth),
                 moments,
                 seen,
             }
@@ -130,10 +140,7 @@ pub fn report(
         person: id,
         seconds,
         rounds,
-        loss: [
-            learned.losses.first().copied().unwrap_or(f32::NAN),
-            learned.losses.last().copied().unwrap_or(f32::NAN),
-        ],
+        loss: learned.loss,
         error_present_m: mean(&mut present.iter().map(|a| a.error_m())),
         error_m: mean(&mut azimuths.iter().map(Azimuth::error_m)),
         error_crossed_m: mean(
@@ -157,13 +164,20 @@ pub fn report(
 /// # Errors
 /// If the file cannot be written.
 pub fn write_csv(reports: &[Report], out: &Path) -> anyhow::Result<()> {
-    let mut text = String::from("person,azimuth,true_m,learned_m,moments,seen\n");
+    let mut text = String::from("person,azimuth,true_m,learned_m,low_m,high_m,moments,seen\n");
     for report in reports {
         for a in &report.azimuths {
             writeln!(
                 text,
-                "{},{},{:.2},{:.2},{},{}",
-                report.person, a.azimuth, a.true_m, a.learned_m, a.moments, a.seen
+                "{},{},{:.2},{:.2},{:.2},{:.2},{},{}",
+                report.person,
+                a.azimuth,
+                a.true_m,
+                a.learned_m,
+                a.interval_m[0],
+                a.interval_m[1],
+                a.moments,
+                a.seen
             )?;
         }
     }

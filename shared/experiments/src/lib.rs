@@ -5,6 +5,7 @@ pub mod claims;
 mod drawing_file;
 pub mod drive;
 pub mod drive_report;
+pub mod foresight;
 pub mod gridworld;
 pub mod implants;
 pub mod oracle;

@@ -12,10 +12,9 @@ use anyhow::{Context, ensure};
 use domains::discrete::Setting;
 use domains::highway::{AZIMUTHS, Scene, modalities};
 use models::{
-    ActionDistribution, Beliefs, Communicated, HumanModel, Kind, Observations, PersonalPolicy,
-    RecurrentSizes, SelfHuman, SelfModel, Shape, View,
+    Communicated, FollowedPerson, HumanModel, Kind, PersonalPolicy, RecurrentSizes, SelfHuman,
+    SelfModel, Shape, View,
 };
-use nn::Tensor;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -24,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use training::cloning::{self, CloningSettings};
-use training::implants;
+use training::implants::{self, ImplantSettings};
 use training::rounds::{Round, Rounds};
 use training::trajectory::{Trajectory, hold_out};
 
@@ -183,23 +182,14 @@ fn learn(
                 rounds: drivers.iter().map(|d| d.round.clone()).collect(),
                 ..Rounds::new(&model.layout, Setting::Original, 0)
             };
-            // Windows that every kept drive fills, no start left out, and both pedals and wheel at full weight: what is
-            // learned is what is scored.
-            let settings = implants::Settings {
-                window: study.rule.steps,
-                stride: study.rule.steps / 2,
-                skip: 0,
-                warm_up: WARM_UP,
-                weights: [1.0; 2],
+            let settings = ImplantSettings {
+                skip: WARM_UP,
                 seed: study.seed,
-                ..implants::Settings::default()
+                ..ImplantSettings::of(modalities::NAME)
             };
-            let learned = implants::learn(model, kind, &rounds, &settings, |_, _| {})?;
-            Ok(Box::new(SelfHuman::new(
-                model.clone(),
-                Some(learned.implants),
-                0,
-            )))
+            let learned = implants::learn(model, kind, &rounds, &settings, &mut |_, _| {})?;
+            let posterior = Some(learned.posterior);
+            Ok(Box::new(SelfHuman::new(model.clone(), posterior, 0)))
         }
         Kind::Bc => {
             let layout = &*model.layout;
@@ -232,23 +222,19 @@ fn learn(
 pub fn score(human: &mut dyn HumanModel, round: &Round) -> f64 {
     let layout = modalities::layout();
     let shape = Shape::of(&layout);
-    let mut beliefs = Beliefs::new(human.latent(), 1);
-    let mut observations = Observations::new(&shape, 1);
-    let mut action = Tensor::new(shape.action, 1);
-    let mut distribution = ActionDistribution::new(layout.actions, 1);
+    let mut person = FollowedPerson::new(human, &shape);
+    let mut taken = vec![0.0; shape.action];
+    let unheard = vec![0.0; shape.verbal];
     let (mut sum, mut counted) = (0.0, 0);
     for t in 0..round.len() {
-        let taken = round.action(t);
-        let visual = observations.visual.column_mut(0);
-        visual.copy_from_slice(round.visual(t));
-        let silent = [Communicated::default()];
-        human.perceive(&mut beliefs, &action, &observations, &silent, None);
+        let sensed = (round.visual(t), &unheard[..]);
+        let silent = Communicated::default();
+        person.perceive(human, sensed, silent, &taken, [0, 0, t as u64]);
         if t >= WARM_UP {
-            human.act(&beliefs, &mut distribution);
-            sum -= f64::from(distribution.log_density(0, taken));
+            sum -= f64::from(person.expected().log_density(0, round.action(t)));
             counted += 1;
         }
-        action.column_mut(0).copy_from_slice(taken);
+        taken.copy_from_slice(round.action(t));
     }
     sum / f64::from(counted.max(1))
 }

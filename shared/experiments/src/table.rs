@@ -115,8 +115,10 @@ pub fn ensure_same(path: &Path, about: &serde_json::Value) -> anyhow::Result<()>
                     path.display()
                 )
             })?;
+            // As it reads from a file: the last digit of a number may change on the way.
+            let about: serde_json::Value = serde_json::from_str(&about.to_string())?;
             anyhow::ensure!(
-                before == *about,
+                before == about,
                 "{}: this folder holds a study with other settings; choose another --out",
                 path.display()
             );
@@ -140,7 +142,7 @@ pub(crate) fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// Names the file that cannot be written.
-pub(crate) fn write_json(path: &Path, report: &impl serde::Serialize) -> anyhow::Result<()> {
+pub fn write_json(path: &Path, report: &impl serde::Serialize) -> anyhow::Result<()> {
     replace(path, &serde_json::to_string_pretty(report)?)
 }
 

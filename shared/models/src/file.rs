@@ -1,13 +1,13 @@
 //! Self-models and implants as files: safetensors, with what they are in the metadata, readable from Python. Of whatever domain
 //! they are, they have one format.
 
-use crate::implants::Implants;
+use crate::implants::{Features, Implants, PolicyImplant, Posterior};
 use crate::self_model::SelfModel;
 use crate::shipped;
 use crate::sizes::Sizes;
-use domains::Layout;
+use domains::{ActionSpace, Layout};
 use nn::Parameters;
-use nn::checkpoint::{Checkpoint, CheckpointError};
+use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
@@ -33,8 +33,18 @@ pub const COMMAND: &str = "mirror.command";
 pub const SELF_MODEL_DIGEST: &str = "mirror.self_model";
 /// Metadata key of the utterances that a person hears without an assistant, a bit each, as a decimal number.
 pub const HEARD: &str = "mirror.heard";
-/// Metadata key that tells whether implants have a policy residual.
+/// Metadata key that tells whether there are policy implants.
 const WITH_POLICY: &str = "mirror.with_policy";
+/// Tensors of a posterior ([`Posterior::save`]).
+const WEIGHTS: &str = "weights";
+const LIMITS: &str = "limits";
+const LOG_GAIN: &str = "log_gain";
+const LAPSE: &str = "lapse";
+const BIAS: &str = "bias";
+const RESIDUAL: &str = "residual";
+const NOISE: &str = "noise";
+const CENTER: &str = "center";
+const DIRECTIONS: &str = "directions";
 
 /// A model file could not be used.
 #[derive(Debug, Error)]
@@ -77,6 +87,18 @@ pub enum ModelFileError {
         file: String,
         /// The tensor.
         tensor: String,
+        /// The number.
+        value: f32,
+        /// Its place, column by column.
+        index: usize,
+    },
+    /// A number in it is not finite, or outside its range.
+    #[error("{file}: tensor \"{tensor}\" holds {value} at {index}, which is out of range")]
+    OutOfRange {
+        /// The file.
+        file: String,
+        /// The tensor.
+        tensor: &'static str,
         /// The number.
         value: f32,
         /// Its place, column by column.
@@ -163,9 +185,13 @@ impl SelfModel {
     }
 }
 
-impl Implants {
-    /// Writes the implants; `model` is the self-model that they were learned on, `heard` the utterances that the person hears
-    /// without an assistant, `command` how they were made.
+impl Posterior {
+    /// Writes the posterior; `model` is the self-model that it was learned on, `heard` the utterances that the person hears
+    /// without an assistant, `command` how it was made.
+    ///
+    /// Tensors, flat, with n hypotheses one after the other: `weights` (n), `limits` (n · limits), and with policy implants
+    /// `log_gain` and `lapse` (n), `bias` (n · actions), `residual` (n · actions · features), `noise` (n · actions where actions
+    /// are numbers, else 0), `center` (latent), `directions` (features · latent).
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -184,32 +210,165 @@ impl Implants {
             (HEARD.to_owned(), heard.to_string()),
             (COMMAND.to_owned(), command.to_owned()),
         ]);
-        nn::checkpoint::save(path, &[("", &self.parameters)], &[], &metadata)
+        let policies: Vec<&PolicyImplant> = self
+            .hypotheses
+            .iter()
+            .filter_map(|h| h.policy.as_ref())
+            .collect();
+        let all = |part: &dyn Fn(&PolicyImplant) -> &[f32]| -> Vec<f32> {
+            policies
+                .iter()
+                .flat_map(|policy| part(policy))
+                .copied()
+                .collect()
+        };
+        let limits = self
+            .hypotheses
+            .iter()
+            .flat_map(|h| h.limits.clone())
+            .collect();
+        let mut tensors = vec![(WEIGHTS, self.weights.clone()), (LIMITS, limits)];
+        if !policies.is_empty() {
+            tensors.extend([
+                (LOG_GAIN, all(&|p| core::slice::from_ref(&p.log_gain))),
+                (LAPSE, all(&|p| core::slice::from_ref(&p.lapse))),
+                (BIAS, all(&|p| &p.bias)),
+                (RESIDUAL, all(&|p| &p.residual)),
+                (NOISE, all(&|p| &p.noise)),
+                (CENTER, self.features.center.clone()),
+                (DIRECTIONS, self.features.directions.clone()),
+            ]);
+        }
+        let extras: Vec<(&str, Extra)> = tensors
+            .iter()
+            .map(|(name, data)| (*name, Extra::F32(data)))
+            .collect();
+        nn::checkpoint::save(path, &[], &extras, &metadata)
     }
 
-    /// Reads implants that belong to `model`, and the utterances that their person hears without an assistant.
+    /// Reads what was learned of a person with `model`, and the utterances that they hear without an assistant.
     ///
     /// # Errors
-    /// If the file is missing, damaged, holds something else, or they were learned on another self-model.
+    /// If the file is missing, damaged, holds something else, or was learned on another self-model.
     pub fn load(path: &Path, model: &SelfModel) -> Result<(Self, u32), ModelFileError> {
         let checkpoint = nn::checkpoint::load(path)?;
         expect(&checkpoint, IMPLANTS)?;
         expect_domain(&checkpoint, &model.layout)?;
-        let file = checkpoint.file().to_owned();
         let theirs = checkpoint.metadata_value(SELF_MODEL_DIGEST)?;
         let ours = model.digest();
         if theirs != ours {
             return Err(ModelFileError::OtherSelfModel {
-                file,
+                file: checkpoint.file().to_owned(),
                 theirs: theirs.to_owned(),
                 ours,
             });
         }
         let with_policy = checkpoint.metadata_value(WITH_POLICY)? == "true";
-        let mut implants = Self::new(model, with_policy, &mut ChaCha8Rng::seed_from_u64(0));
-        checkpoint.read("", &mut implants.parameters)?;
-        finite(&file, &implants.parameters)?;
-        Ok((implants, heard(&checkpoint, &model.layout)?))
+        let posterior = Self::from_checkpoint(&checkpoint, model, with_policy)?;
+        Ok((posterior, heard(&checkpoint, &model.layout)?))
+    }
+
+    fn from_checkpoint(
+        checkpoint: &Checkpoint,
+        model: &SelfModel,
+        with_policy: bool,
+    ) -> Result<Self, ModelFileError> {
+        let perception = model.layout.perception;
+        let (actions, latent) = (model.layout.actions, model.sizes.latent);
+        let rows = actions.rows();
+        let weights = numbers(checkpoint, WEIGHTS, None, |w| (0.0..=1.0).contains(&w))?;
+        let sum: f32 = weights.iter().sum();
+        if weights.is_empty() || (sum - 1.0).abs() > 1e-3 {
+            return Err(CheckpointError::Mismatch {
+                file: checkpoint.file().to_owned(),
+                name: WEIGHTS.to_owned(),
+                expected: "probabilities that sum to 1".to_owned(),
+                found: format!("{} numbers that sum to {sum}", weights.len()),
+            }
+            .into());
+        }
+        let count = weights.len();
+        let of_each = |name: &'static str, each: usize, is_sound: &dyn Fn(f32) -> bool| {
+            numbers(checkpoint, name, Some(each * count), is_sound).map(|all| match each {
+                0 => vec![Vec::new(); count],
+                each => all.chunks_exact(each).map(<[f32]>::to_vec).collect(),
+            })
+        };
+        let limits = of_each(LIMITS, perception.limits(), &|limit| limit >= 0.0)?;
+        let mut hypotheses: Vec<Implants> = limits
+            .into_iter()
+            .map(|limits| Implants {
+                limits,
+                policy: None,
+            })
+            .collect();
+        let mut features = Features::default();
+        if with_policy {
+            features.center = numbers(checkpoint, CENTER, Some(latent), |_| true)?;
+            features.directions = numbers(checkpoint, DIRECTIONS, None, |_| true)?;
+            if !features.directions.len().is_multiple_of(latent) {
+                return Err(CheckpointError::Mismatch {
+                    file: checkpoint.file().to_owned(),
+                    name: DIRECTIONS.to_owned(),
+                    expected: format!("a multiple of {latent} numbers"),
+                    found: format!("{} numbers", features.directions.len()),
+                }
+                .into());
+            }
+            let gains = of_each(LOG_GAIN, 1, &|gain| gain.abs() < 20.0)?;
+            let lapses = of_each(LAPSE, 1, &|lapse| (0.0..1.0).contains(&lapse))?;
+            let biases = of_each(BIAS, rows, &|_| true)?;
+            let residuals = of_each(RESIDUAL, rows * features.count(), &|_| true)?;
+            let noises = match actions {
+                ActionSpace::Discrete(_) => vec![Vec::new(); count],
+                ActionSpace::Continuous(_) => of_each(NOISE, rows, &|noise| noise >= 0.0)?,
+            };
+            let parts = gains.into_iter().zip(lapses).zip(biases).zip(residuals);
+            for (h, (part, noise)) in hypotheses.iter_mut().zip(parts.zip(noises)) {
+                let (((gain, lapse), bias), residual) = part;
+                h.policy = Some(PolicyImplant {
+                    log_gain: gain[0],
+                    bias,
+                    residual,
+                    noise,
+                    lapse: lapse[0],
+                });
+            }
+        }
+        Ok(Self {
+            perception,
+            hypotheses,
+            weights,
+            features,
+        })
+    }
+}
+
+/// A tensor of finite numbers, all of which are sound; `count` of them, where that is known.
+fn numbers(
+    checkpoint: &Checkpoint,
+    name: &'static str,
+    count: Option<usize>,
+    is_sound: impl Fn(f32) -> bool,
+) -> Result<Vec<f32>, ModelFileError> {
+    let data = checkpoint.f32s(name)?;
+    if let Some(index) = data.iter().position(|x| !x.is_finite() || !is_sound(*x)) {
+        return Err(ModelFileError::OutOfRange {
+            file: checkpoint.file().to_owned(),
+            tensor: name,
+            value: data[index],
+            index,
+        });
+    }
+    match count {
+        Some(count) if count != data.len() => Err(CheckpointError::Mismatch {
+            file: checkpoint.file().to_owned(),
+            name: name.to_owned(),
+            expected: format!("{count} numbers"),
+            found: format!("{} numbers", data.len()),
+        }
+        .into()),
+        _ => Ok(data),
     }
 }
 

@@ -1,6 +1,6 @@
 //! What human models learned of one person, as files, and the one place that turns a kind and such a file into a model.
 //!
-//! `mirror` and `mirror-p`: implants ([`Implants::save`]). `bc` and `sqil`: a policy's weights, in the metadata its kind, domain,
+//! `mirror` and `mirror-p`: implants ([`Posterior::save`]). `bc` and `sqil`: a policy's weights, in the metadata its kind, domain,
 //! sizes and the command that made it, and, because these models are told what the person can perceive, the tensor `limits` with
 //! their true sight.
 
@@ -9,7 +9,7 @@ use crate::file::{
     heard,
 };
 use crate::human::{HumanModel, Kind};
-use crate::implants::Implants;
+use crate::implants::Posterior;
 use crate::recurrent::{RecurrentHuman, RecurrentPolicy, RecurrentSizes};
 use crate::self_human::SelfHuman;
 use crate::self_model::SelfModel;
@@ -195,8 +195,8 @@ pub fn load_human(
         let person = PersonalPolicy::load(path, kind, &model.layout)?;
         return Ok(Box::new(person.human(kind, &model.layout)));
     }
-    let (implants, heard) = Implants::load(path, model)?;
-    let with_policy = implants.has_policy();
+    let (posterior, heard) = Posterior::load(path, model)?;
+    let with_policy = posterior.has_policy();
     if with_policy != (kind == Kind::Mirror) {
         return Err(HumanError::OtherImplants {
             file: path.to_owned(),
@@ -204,6 +204,6 @@ pub fn load_human(
             kind,
         });
     }
-    let human = SelfHuman::new(Arc::clone(model), Some(implants), heard);
+    let human = SelfHuman::new(Arc::clone(model), Some(posterior), heard);
     Ok(Box::new(human))
 }

@@ -143,7 +143,8 @@ impl ImaginedGroups {
         let width = person.mean.rows();
         self.noise.resize(width * rows, 0.0);
         fill(&mut self.noise, &[width], futures, seed, stream::BELIEF);
-        beliefs.spread(person, rows, &self.noise);
+        // Who the person is, is left to chance like everything else: it is the future's.
+        beliefs.spread(person, rows, &self.noise, |j| futures.of(j));
         *started = true;
         match known_action {
             Some(action) => {
@@ -193,6 +194,7 @@ impl ImaginedGroups {
         ] {
             repeat_columns(tensor, count, rows);
         }
+        beliefs.repeat_hypotheses(count, rows);
         self.noise.resize(model.noise_rows() * rows, 0.0);
         let widths = [model.latent(), model.noise_rows() - model.latent()];
         fill(&mut self.noise, &widths, *futures, seed, stream::BELIEF);
@@ -233,7 +235,9 @@ impl ImaginedGroups {
         let noise = &mut self.noise;
         noise.resize(model.latent() * rows, 0.0);
         noise.fill(0.0);
-        self.compared.spread(person, rows, noise);
+        // Versions of one moment differ in nothing but what is communicated.
+        let column = person.most_probable();
+        self.compared.spread_as(person, rows, noise, |_| column);
         let Moment {
             action,
             observations,

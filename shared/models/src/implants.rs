@@ -1,350 +1,231 @@
-//! Model implants: the few parameters that turn the robot's self-model into a model of a person (paper §III-B and appendix,
-//! "MIRROR Implants").
+//! Model implants: the few numbers that turn the robot's self-model into a model of a person (paper §III-B and appendix, "MIRROR
+//! Implants"), and what is known of them: a posterior, as weighted hypotheses.
 //!
 //! *Perceptual implant*: the limits of the domain's [`Perception`]; what is farther than its limit is not seen (paper, figure 4).
 //!
-//! *Policy implant*, where actions are numbers: a small residual δ(z^H) on the mean of the policy's Gaussian, and noise ν on its
-//! deviation, N(μ + δ, σ² + ν²): people are less exact than the robot ("simple implants can simply add noise", ibid.). Without
-//! the noise, one moment in which a person brakes a little later than the robot would outweigh everything they saw. Where
-//! actions are choices: a residual on the logits, p̂ = softmax(Q/temperature + δ(z^H)), where δ = c · tanh(a small network / c):
-//! bounded, because a person who is told something is in a state that no round without an assistant shows, and there an
-//! unbounded network shouts down what the robot knows.
+//! *Policy implant*: how the person's choices differ from the robot's in the same belief. With φ(z), z along the directions in which
+//! it varied most in the person's rounds, in deviations and held within ±[`REACH`]:
+//!
+//! ```text
+//! choices:  p(a | z) = (1 − ε) softmax_a(β Q(z, a)/T + b_a + w_a · φ(z)) + ε/|A|
+//! numbers:  u ~ N(μ(z) + b + W φ(z), σ(z)² + ν²),  a = tanh(u)
+//! ```
+//!
+//! β: how much surer or less sure of their choices people are than the robot. b: habits. W: the residual, as small as its prior
+//! makes it and bounded by φ's reach, because a person who is told something is in a state that no round without an assistant shows.
+//! ν: people's hands are less exact than the robot ("simple implants can simply add noise", ibid.). ε: lapses, without which one
+//! action that nothing explains would outweigh everything the person saw.
 
-use crate::policy::{ActionDistribution, Policy};
+use crate::policy::ActionDistribution;
 use crate::self_model::SelfModel;
 use domains::{ActionSpace, Perception};
-use nn::{Activation, Mlp, MlpScratch, ParamId, Parameters, Tape, Tensor, Var};
-use rand_chacha::ChaCha8Rng;
 
-/// Neurons of the residual's hidden layer.
-pub const RESIDUAL_HIDDEN: usize = 16;
-/// Factor on the residual network's output where it moves a mean.
-pub const RESIDUAL_SCALE: f32 = 0.1;
-/// c: the most that the policy implant moves a logit by.
-pub const RESIDUAL_BOUND: f32 = 1.5;
-/// ν before softplus at the start: 0.3.
-const FIRST_NOISE: f32 = -1.05;
+/// φ is held within ± this many deviations.
+pub const REACH: f32 = 2.5;
 
-/// The parameters χ of both implants, apart from the self-model's, which never move when learning from a person.
-#[derive(Clone, Debug)]
+/// ν of somebody of whom nothing is known.
+const FIRST_NOISE: f32 = 0.3;
+
+/// One hypothesis χ about a person.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Implants {
-    /// `implant.limits` (limits × 1, before the logistic function), `implant.residual.*`, `implant.noise`.
-    pub parameters: Parameters,
+    /// Limits of sight, in the order and unit of the domain's [`Perception`].
+    pub limits: Vec<f32>,
+    /// None for MIRROR-P, which has the perceptual implant only.
+    pub policy: Option<PolicyImplant>,
+}
+
+/// How a person's choices differ from the robot's.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PolicyImplant {
+    /// ln β; 0 where actions are numbers.
+    pub log_gain: f32,
+    /// b, a number per row of an action.
+    pub bias: Vec<f32>,
+    /// W, `actions × features`, action by action.
+    pub residual: Vec<f32>,
+    /// ν, a number per row of an action; empty where actions are choices.
+    pub noise: Vec<f32>,
+    /// ε; 0 where actions are numbers.
+    pub lapse: f32,
+}
+
+/// What was learned of a person: hypotheses with their probabilities.
+#[derive(Clone, Debug)]
+pub struct Posterior {
     /// The perception that the limits belong to.
     pub perception: &'static dyn Perception,
-    limits: ParamId,
-    /// None for MIRROR-P, which has the perceptual implant only.
-    policy: Option<PolicyImplant>,
+    /// Hypotheses, at least one. All have a policy implant, or none has.
+    pub hypotheses: Vec<Implants>,
+    /// Their probabilities.
+    pub weights: Vec<f32>,
+    /// φ; empty without policy implants.
+    pub features: Features,
 }
 
-/// The policy implant's parts.
-#[derive(Clone, Debug)]
-pub struct PolicyImplant {
-    /// δ: `z → actions`.
-    pub residual: Mlp,
-    /// ν before softplus, `actions × 1`; none where actions are choices.
-    pub noise: Option<ParamId>,
+/// φ(z)_k = d_k · (z − center) within ±[`REACH`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Features {
+    /// Mean of z over the person's rounds, `latent` numbers.
+    pub center: Vec<f32>,
+    /// d_k, one after the other: `features × latent`. Along each, z varied by 1 in the person's rounds.
+    pub directions: Vec<f32>,
 }
 
-/// The implants' parameters inside a larger set, next to the self-model's, so that one tape reaches both.
-#[derive(Clone, Debug)]
-pub struct Attached {
-    /// Limits before the logistic function.
-    pub limits: ParamId,
-    /// Policy implant.
-    pub policy: Option<PolicyImplant>,
-    ids: Vec<ParamId>,
-}
-
-impl Attached {
-    /// The parameters that may move.
-    pub fn ids(&self) -> &[ParamId] {
-        &self.ids
+impl Features {
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.directions.len() / self.center.len().max(1)
     }
 
-    /// Of these, the policy implant's.
-    pub fn policy_ids(&self) -> &[ParamId] {
-        &self.ids[1..]
+    /// φ of one z, into `out`.
+    pub fn write(&self, z: &[f32], out: &mut [f32]) {
+        let directions = self.directions.chunks_exact(self.center.len().max(1));
+        for (out, direction) in out.iter_mut().zip(directions) {
+            let along: f32 = z
+                .iter()
+                .zip(&self.center)
+                .zip(direction)
+                .map(|((z, center), d)| d * (z - center))
+                .sum();
+            *out = along.clamp(-REACH, REACH);
+        }
     }
 }
 
-impl Implants {
-    /// Every limit at half of the largest, and a residual of zero (its last layer starts at zero).
-    pub fn new(model: &SelfModel, with_policy: bool, rng: &mut ChaCha8Rng) -> Self {
+impl Posterior {
+    /// One hypothesis, held for certain.
+    pub fn certain(
+        perception: &'static dyn Perception,
+        implants: Implants,
+        features: Features,
+    ) -> Self {
+        Self {
+            perception,
+            hypotheses: vec![implants],
+            weights: vec![1.0],
+            features,
+        }
+    }
+
+    /// A person of whom nothing is known yet: every limit at half of the largest, and choices as the robot's.
+    pub fn neutral(model: &SelfModel, with_policy: bool) -> Self {
         let perception = model.layout.perception;
         let actions = model.layout.actions;
-        let mut parameters = Parameters::default();
-        let limits = parameters.add("implant.limits", Tensor::new(perception.limits(), 1));
-        let policy = with_policy.then(|| {
-            let widths = [model.sizes.latent, RESIDUAL_HIDDEN, actions.rows()];
-            let residual = Mlp::new(
-                &mut parameters,
-                "implant.residual",
-                &widths,
-                Activation::Identity,
-                rng,
-            );
-            if let Some(last) = residual.layers.last() {
-                parameters.get_mut(last.weight).fill(0.0);
-                parameters.get_mut(last.bias).fill(0.0);
-            }
-            let noise = match actions {
-                ActionSpace::Discrete(_) => None,
-                ActionSpace::Continuous(n) => {
-                    let mut noise = Tensor::new(n, 1);
-                    noise.fill(FIRST_NOISE);
-                    Some(parameters.add("implant.noise", noise))
-                }
-            };
-            PolicyImplant { residual, noise }
+        let policy = with_policy.then(|| PolicyImplant {
+            bias: vec![0.0; actions.rows()],
+            noise: match actions {
+                ActionSpace::Discrete(_) => Vec::new(),
+                ActionSpace::Continuous(n) => vec![FIRST_NOISE; n],
+            },
+            ..PolicyImplant::default()
         });
-        Self {
-            parameters,
-            perception,
-            limits,
-            policy,
-        }
-    }
-
-    /// Whether there is a policy implant.
-    pub fn has_policy(&self) -> bool {
-        self.policy.is_some()
-    }
-
-    /// The limits, in the distance's unit.
-    pub fn limits(&self) -> Vec<f32> {
-        let largest = self.perception.largest();
-        let raw = self.parameters.get(self.limits).data();
-        raw.iter()
-            .map(|raw| largest / (1.0 + (-raw).exp()))
-            .collect()
-    }
-
-    /// Sets the limits, in the distance's unit; one past the end stays as it is.
-    pub fn set_limits(&mut self, limits: &[f32]) {
-        let largest = self.perception.largest();
-        let raw = self.parameters.get_mut(self.limits).data_mut();
-        for (raw, limit) in raw.iter_mut().zip(limits) {
-            let share = (limit / largest).clamp(1e-3, 1.0 - 1e-3);
-            *raw = (share / (1.0 - share)).ln();
-        }
-    }
-
-    /// Sets every limit to the same.
-    pub fn set_all_limits(&mut self, limit: f32) {
-        self.set_limits(&vec![limit; self.perception.limits()]);
-    }
-
-    /// ν of each of an action's numbers, before tanh; none without a policy implant, or where actions are choices.
-    pub fn noise(&self) -> Option<Vec<f32>> {
-        let raw = self.parameters.get(self.policy.as_ref()?.noise?).data();
-        Some(raw.iter().map(|raw| raw.exp().ln_1p()).collect())
-    }
-
-    /// Copies the implants' parameters to the end of `parameters`.
-    pub fn attach(&self, parameters: &mut Parameters) -> Attached {
-        let mut ids = Vec::new();
-        let mut copy = |id: ParamId| {
-            let new = parameters.add(self.parameters.name(id), self.parameters.get(id).clone());
-            ids.push(new);
-            new
+        let features = match with_policy {
+            true => Features {
+                center: vec![0.0; model.sizes.latent],
+                directions: Vec::new(),
+            },
+            false => Features::default(),
         };
-        let limits = copy(self.limits);
-        let policy = self.policy.as_ref().map(|policy| {
-            let mut residual = policy.residual.clone();
-            for layer in &mut residual.layers {
-                layer.weight = copy(layer.weight);
-                layer.bias = copy(layer.bias);
-            }
-            let noise = policy.noise.map(copy);
-            PolicyImplant { residual, noise }
-        });
-        Attached {
+        let limits = vec![perception.largest() / 2.0; perception.limits()];
+        Self::certain(perception, Implants { limits, policy }, features)
+    }
+
+    /// A person of whom nothing but these limits is known.
+    pub fn of_limits(perception: &'static dyn Perception, limits: Vec<f32>) -> Self {
+        let implants = Implants {
             limits,
-            policy,
-            ids,
-        }
+            policy: None,
+        };
+        Self::certain(perception, implants, Features::default())
     }
 
-    /// Takes learned values back out of `parameters`.
-    pub fn detach(&mut self, parameters: &Parameters, attached: &Attached) {
-        let own: Vec<ParamId> = self.parameters.ids().collect();
-        for (own, learned) in own.into_iter().zip(&attached.ids) {
-            self.parameters
-                .get_mut(own)
-                .copy_from(parameters.get(*learned));
-        }
+    /// Whether there are policy implants.
+    pub fn has_policy(&self) -> bool {
+        self.hypotheses.iter().any(|h| h.policy.is_some())
     }
 
-    /// Turns the robot's distribution at `z` into the person's; `delta` is scratch.
+    /// Mean of each limit.
+    pub fn mean_limits(&self) -> Vec<f32> {
+        let mean = |k: usize| {
+            let weighted = self.hypotheses.iter().zip(&self.weights);
+            weighted.map(|(h, weight)| weight * h.limits[k]).sum()
+        };
+        (0..self.perception.limits()).map(mean).collect()
+    }
+
+    /// Least and greatest of the values of limit `k` that lie in the middle `share` of the probability.
+    pub fn interval(&self, k: usize, share: f32) -> [f32; 2] {
+        let mut values: Vec<(f32, f32)> = self
+            .hypotheses
+            .iter()
+            .zip(&self.weights)
+            .map(|(h, weight)| (h.limits[k], *weight))
+            .collect();
+        values.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let at = |quantile: f32| {
+            let mut below = 0.0;
+            let found = values.iter().find(|(_, weight)| {
+                below += weight;
+                below >= quantile
+            });
+            found
+                .or(values.last())
+                .map_or(f32::NAN, |(value, _)| *value)
+        };
+        let tail = (1.0 - share) / 2.0;
+        [at(tail), at(1.0 - tail)]
+    }
+
+    /// Turns the robot's distribution in belief z (column `j`) into the person's by hypothesis `h`; `phi` is scratch.
     pub(crate) fn shift(
         &self,
-        z: &Tensor,
+        h: usize,
+        z: &[f32],
+        j: usize,
         distribution: &mut ActionDistribution,
-        scratch: &mut MlpScratch,
-        delta: &mut Tensor,
+        phi: &mut Vec<f32>,
     ) {
-        let Some(policy) = &self.policy else {
+        let Some(policy) = &self.hypotheses[h].policy else {
             return;
         };
-        policy.residual.infer(&self.parameters, z, scratch, delta);
+        phi.resize(self.features.count(), 0.0);
+        self.features.write(z, phi);
         match distribution {
             ActionDistribution::Gaussian { mean, deviation } => {
-                for (mean, delta) in mean.data_mut().iter_mut().zip(delta.data()) {
-                    *mean += RESIDUAL_SCALE * delta;
-                }
-                let Some(noise) = policy.noise else {
-                    return;
-                };
-                let raw = self.parameters.get(noise).data();
-                for column in deviation.data_mut().chunks_exact_mut(raw.len()) {
-                    for (deviation, raw) in column.iter_mut().zip(raw) {
-                        let noise = raw.exp().ln_1p();
-                        *deviation = (*deviation * *deviation + noise * noise).sqrt();
-                    }
+                let (mean, deviation) = (mean.column_mut(j), deviation.column_mut(j));
+                for (row, (mean, deviation)) in mean.iter_mut().zip(deviation).enumerate() {
+                    *mean += policy.tendency(row, phi);
+                    *deviation = deviation.hypot(policy.noise[row]);
                 }
             }
             ActionDistribution::Categorical { log_probability } => {
-                let log = log_probability.data_mut();
-                for (log, delta) in log.iter_mut().zip(delta.data()) {
-                    *log += RESIDUAL_BOUND * (delta / RESIDUAL_BOUND).tanh();
-                }
-                nn::log_softmax_in_place(log_probability);
+                policy.choose(log_probability.column_mut(j), phi);
             }
         }
     }
 }
 
-/// The limits on a tape, `limits × 1`, in the distance's unit.
-pub fn limits_on_tape(tape: &mut Tape, attached: &Attached, perception: &dyn Perception) -> Var {
-    let raw = tape.param(attached.limits);
-    let unit = tape.sigmoid(raw);
-    tape.scale(unit, perception.largest())
-}
+impl PolicyImplant {
+    /// b_a + w_a · φ.
+    pub fn tendency(&self, row: usize, phi: &[f32]) -> f32 {
+        let own = &self.residual[row * phi.len()..(row + 1) * phi.len()];
+        let residual: f32 = own.iter().zip(phi).map(|(w, phi)| w * phi).sum();
+        self.bias[row] + residual
+    }
 
-/// What is seen of each region on a tape, `regions × batch` of 0 or 1, differentiable in the limits (straight-through).
-/// `visual`: whole; `noise`: `noise_rows × batch` standard normals.
-pub fn seen_on_tape(
-    tape: &mut Tape,
-    attached: &Attached,
-    perception: &dyn Perception,
-    visual: &Tensor,
-    noise: &Tensor,
-) -> Var {
-    let (regions, limits, batch) = (perception.regions(), perception.limits(), visual.cols());
-    let all = limits_on_tape(tape, attached, perception);
-    let mut governs = vec![0; regions * batch];
-    let distance = tape.input_with(regions, batch, |out| {
-        let columns = out.chunks_exact_mut(regions);
-        for (j, (out, governs)) in columns.zip(governs.chunks_exact_mut(regions)).enumerate() {
-            let noise = (noise.rows() > 0).then(|| noise.column(j));
-            for (region, (out, governs)) in out.iter_mut().zip(governs).enumerate() {
-                (*out, *governs) = perception.distance(region, visual.column(j), noise);
-            }
+    /// Turns Q/T, or the logarithm of its softmax, into the logarithms of the person's probabilities.
+    pub fn choose(&self, logits: &mut [f32], phi: &[f32]) {
+        let gain = self.log_gain.exp();
+        for (row, logit) in logits.iter_mut().enumerate() {
+            *logit = gain * *logit + self.tendency(row, phi);
         }
-    });
-    let own = governs
-        .chunks_exact(regions)
-        .all(|governs| governs.iter().copied().eq(0..limits));
-    if own {
-        // Region k has limit k.
-        let limit = tape.broadcast(all, batch);
-        return tape.threshold(distance, limit, perception.width());
-    }
-    // Σ_k [region has limit k] τ_k
-    let mut limit: Option<Var> = None;
-    for k in 0..limits {
-        let has = tape.input_with(regions, batch, |out| {
-            for (out, governs) in out.iter_mut().zip(&governs) {
-                *out = f32::from(u8::from(*governs == k));
-            }
-        });
-        let one = tape.rows(all, k..k + 1);
-        let one = tape.broadcast(one, batch);
-        let one = tape.spread(one, regions);
-        let term = tape.mul(one, has);
-        limit = Some(match limit {
-            None => term,
-            Some(sum) => tape.add(sum, term),
-        });
-    }
-    match limit {
-        Some(limit) => tape.threshold(distance, limit, perception.width()),
-        None => tape.constant(regions, batch, 1.0),
-    }
-}
-
-/// The person's action on a tape.
-#[derive(Clone, Copy, Debug)]
-pub enum ActionOnTape {
-    /// Mean and deviation of the action before tanh, `actions × batch` each.
-    Gaussian {
-        /// μ + δ(z).
-        mean: Var,
-        /// √(σ² + ν²).
-        deviation: Var,
-        /// δ, where there is a policy implant.
-        delta: Option<Var>,
-    },
-    /// Logits, `actions × batch`.
-    Categorical(Var),
-}
-
-/// The person's action at `z` (`latent × batch`).
-pub fn policy_on_tape(
-    tape: &mut Tape,
-    model: &SelfModel,
-    attached: &Attached,
-    z: Var,
-) -> ActionOnTape {
-    let implant = attached.policy.as_ref();
-    match &model.policy {
-        Policy::Boltzmann { q, temperature } => {
-            let q = tape.mlp(q, z);
-            let logits = tape.scale(q, 1.0 / temperature);
-            let Some(implant) = implant else {
-                return ActionOnTape::Categorical(logits);
-            };
-            let delta = tape.mlp(&implant.residual, z);
-            let delta = tape.scale(delta, 1.0 / RESIDUAL_BOUND);
-            let delta = tape.tanh(delta);
-            let delta = tape.scale(delta, RESIDUAL_BOUND);
-            ActionOnTape::Categorical(tape.add(logits, delta))
-        }
-        Policy::SquashedGaussian { actor, .. } => {
-            let output = tape.mlp(actor, z);
-            let actions = model.layout.actions;
-            let (mut mean, mut deviation) = SelfModel::gaussian(tape, output, actions.rows());
-            let delta = implant.map(|implant| {
-                let delta = tape.mlp(&implant.residual, z);
-                tape.scale(delta, RESIDUAL_SCALE)
-            });
-            if let Some(noise) = implant.and_then(|implant| implant.noise) {
-                deviation = widened(tape, deviation, noise);
-            }
-            if let Some(delta) = delta {
-                mean = tape.add(mean, delta);
-            }
-            ActionOnTape::Gaussian {
-                mean,
-                deviation,
-                delta,
-            }
+        let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let sum: f32 = logits.iter().map(|logit| (logit - most).exp()).sum();
+        let anything = self.lapse / logits.len() as f32;
+        for logit in logits {
+            let soft = (*logit - most).exp() / sum;
+            *logit = ((1.0 - self.lapse) * soft + anything).ln();
         }
     }
-}
-
-/// √(σ² + ν²).
-fn widened(tape: &mut Tape, deviation: Var, noise: ParamId) -> Var {
-    let batch = tape.shape(deviation).1;
-    let raw = tape.param(noise);
-    let noise = tape.softplus(raw);
-    let noise = tape.square(noise);
-    let noise = tape.broadcast(noise, batch);
-    let variance = tape.square(deviation);
-    let variance = tape.add(variance, noise);
-    // σ = exp(½ ln σ²)
-    let log = tape.ln(variance);
-    let half = tape.scale(log, 0.5);
-    tape.exp(half)
 }

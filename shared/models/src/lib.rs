@@ -5,6 +5,7 @@
 pub mod config;
 pub mod file;
 pub mod filter;
+mod followed;
 pub mod human;
 pub mod human_file;
 mod ideal;
@@ -23,10 +24,11 @@ mod view;
 pub mod words;
 
 pub use filter::{Filter, Scratch, WorldModel};
+pub use followed::FollowedPerson;
 pub use human::{Beliefs, HumanModel, Kind};
 pub use human_file::{HumanError, PersonalPolicy, load_human};
 pub use ideal::IdealHuman;
-pub use implants::Implants;
+pub use implants::{Features, Implants, PolicyImplant, Posterior};
 pub use observation::{Communicated, Observations, Shape};
 pub use policy::{ActionDistribution, Policy};
 pub use reader::{Reader, ReaderScratch};

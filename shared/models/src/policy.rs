@@ -168,6 +168,56 @@ impl ActionDistribution {
         }
     }
 
+    /// One distribution out of a batch's columns, which have these weights: of choices their mixture, of numbers the Gaussian with
+    /// the mixture's mean and deviation.
+    pub fn mix(&self, weights: &[f32], out: &mut Self) {
+        match (self, out) {
+            (
+                Self::Gaussian { mean, deviation },
+                Self::Gaussian {
+                    mean: out_mean,
+                    deviation: out_deviation,
+                },
+            ) => {
+                if weights.len() == 1 {
+                    out_mean.copy_from(mean);
+                    out_deviation.copy_from(deviation);
+                    return;
+                }
+                let out = out_mean.column_mut(0).iter_mut();
+                let out = out.zip(out_deviation.column_mut(0));
+                for (row, (out_mean, out_deviation)) in out.enumerate() {
+                    let (mut sum, mut square) = (0.0, 0.0);
+                    for (j, weight) in weights.iter().enumerate() {
+                        let (m, s) = (mean.column(j)[row], deviation.column(j)[row]);
+                        sum += weight * m;
+                        square += weight * (s * s + m * m);
+                    }
+                    (*out_mean, *out_deviation) = (sum, (square - sum * sum).max(0.0).sqrt());
+                }
+            }
+            (
+                Self::Categorical { log_probability },
+                Self::Categorical {
+                    log_probability: out,
+                },
+            ) => {
+                if weights.len() == 1 {
+                    out.copy_from(log_probability);
+                    return;
+                }
+                for (row, out) in out.column_mut(0).iter_mut().enumerate() {
+                    let terms = weights.iter().enumerate();
+                    let sum: f32 = terms
+                        .map(|(j, weight)| weight * log_probability.column(j)[row].exp())
+                        .sum();
+                    *out = sum.max(f32::MIN_POSITIVE).ln();
+                }
+            }
+            _ => unreachable!("both are of one action space"),
+        }
+    }
+
     /// Samples into `actions`: a = tanh(μ + σ ε), or a choice as a column with a one; the mode where `noise` is none.
     /// `noise`: standard normals of the actions' shape (choices need two rows or more).
     pub fn sample(&self, noise: Option<&[f32]>, actions: &mut Tensor) {

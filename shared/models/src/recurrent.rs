@@ -157,6 +157,7 @@ pub struct RecurrentHuman {
     policy: Arc<RecurrentPolicy>,
     /// The person's true limits: told, not learned.
     perceiver: Perceiver,
+    limits: Vec<f32>,
     last: Mask,
     observed: Tensor,
     input: Tensor,
@@ -178,7 +179,8 @@ impl RecurrentHuman {
     ) -> Self {
         Self {
             kind,
-            perceiver: Perceiver::new(layout, limits, heard),
+            perceiver: Perceiver::new(layout, vec![limits.clone()], heard),
+            limits,
             last: Mask::NONE,
             observed: Tensor::new(policy.view.rows(), 0),
             input: Tensor::default(),
@@ -231,7 +233,7 @@ impl HumanModel for RecurrentHuman {
             let visual = observations.visual.column(j);
             let mask = self
                 .perceiver
-                .perceive(j, visual, communicated[j], of_sight);
+                .perceive(j, 0, visual, communicated[j], of_sight);
             self.last = mask;
             let (verbal, out) = (observations.verbal.column(j), self.observed.column_mut(j));
             policy.view.write(visual, verbal, mask, out);
@@ -291,6 +293,6 @@ impl HumanModel for RecurrentHuman {
     }
 
     fn limits(&self) -> &[f32] {
-        &self.perceiver.limits
+        &self.limits
     }
 }

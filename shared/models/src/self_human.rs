@@ -2,51 +2,62 @@
 
 use crate::filter::{Scratch, sample};
 use crate::human::{Beliefs, HumanModel, Kind, Perceiver};
-use crate::implants::Implants;
+use crate::implants::Posterior;
 use crate::observation::{Communicated, Observations};
 use crate::policy::ActionDistribution;
 use crate::self_model::SelfModel;
 use domains::ActionSpace;
-use nn::{MlpScratch, Tensor};
+use nn::Tensor;
 use std::sync::Arc;
 
 /// The self-model as a human model, with or without implants.
 pub struct SelfHuman {
     model: Arc<SelfModel>,
-    implants: Option<Implants>,
+    posterior: Option<Posterior>,
+    /// See [`HumanModel::limits`].
+    limits: Vec<f32>,
     perceiver: Perceiver,
     observed: Tensor,
-    delta: Tensor,
+    phi: Vec<f32>,
     scratch: Scratch,
-    mlp: MlpScratch,
 }
 
+/// Samples of a belief where it is chance what is perceived.
+const SAMPLES: usize = 8;
+
 impl SelfHuman {
-    /// The self-model with `implants`, or unchanged and seeing everything without. `heard`: the utterances that the person
-    /// hears without an assistant.
-    pub fn new(model: Arc<SelfModel>, implants: Option<Implants>, heard: u32) -> Self {
+    /// The self-model with implants, of which `posterior` tells what is known, or unchanged and seeing everything without.
+    /// `heard`: the utterances that the person hears without an assistant.
+    pub fn new(model: Arc<SelfModel>, posterior: Option<Posterior>, heard: u32) -> Self {
         let layout = &model.layout;
-        let perceiver = match &implants {
-            Some(implants) => Perceiver::new(layout, implants.limits(), heard),
-            None => Perceiver::of_everything(layout, heard),
+        let (perceiver, limits) = match &posterior {
+            Some(posterior) => {
+                let limits = posterior.hypotheses.iter().map(|h| h.limits.clone());
+                let perceiver = Perceiver::new(layout, limits.collect(), heard);
+                (perceiver, posterior.mean_limits())
+            }
+            None => {
+                let limits = vec![f32::INFINITY; layout.perception.limits()];
+                (Perceiver::of_everything(layout, heard), limits)
+            }
         };
         Self {
             observed: Tensor::new(model.view.rows(), 0),
             model,
-            implants,
+            posterior,
+            limits,
             perceiver,
-            delta: Tensor::default(),
+            phi: Vec::new(),
             scratch: Scratch::default(),
-            mlp: MlpScratch::default(),
         }
     }
 }
 
 impl HumanModel for SelfHuman {
     fn kind(&self) -> &'static str {
-        match &self.implants {
+        match &self.posterior {
             None => Kind::Myself,
-            Some(implants) if implants.has_policy() => Kind::Mirror,
+            Some(posterior) if posterior.has_policy() => Kind::Mirror,
             Some(_) => Kind::MirrorP,
         }
         .name()
@@ -79,9 +90,13 @@ impl HumanModel for SelfHuman {
             .unzip();
         for j in 0..batch {
             let visual = observations.visual.column(j);
-            let mask = self
-                .perceiver
-                .perceive(j, visual, communicated[j], of_sight);
+            let mask = self.perceiver.perceive(
+                j,
+                beliefs.hypothesis[j],
+                visual,
+                communicated[j],
+                of_sight,
+            );
             let (verbal, out) = (observations.verbal.column(j), self.observed.column_mut(j));
             self.model.view.write(visual, verbal, mask, out);
         }
@@ -108,13 +123,26 @@ impl HumanModel for SelfHuman {
 
     fn act(&mut self, beliefs: &Beliefs, out: &mut ActionDistribution) {
         self.model.act(&mut self.scratch, &beliefs.z, out);
-        if let Some(implants) = &self.implants {
-            implants.shift(&beliefs.z, out, &mut self.mlp, &mut self.delta);
+        if let Some(posterior) = &self.posterior {
+            for (j, h) in beliefs.hypothesis.iter().enumerate() {
+                posterior.shift(*h as usize, beliefs.z.column(j), j, out, &mut self.phi);
+            }
+        }
+    }
+
+    fn weights(&self) -> &[f32] {
+        self.posterior.as_ref().map_or(&[1.0], |p| &p.weights)
+    }
+
+    fn samples(&self) -> usize {
+        match (&self.posterior, self.perceiver.noise_rows()) {
+            (Some(_), 1..) => SAMPLES,
+            _ => 1,
         }
     }
 
     fn limits(&self) -> &[f32] {
-        &self.perceiver.limits
+        &self.limits
     }
 
     fn shares_latent(&self) -> bool {

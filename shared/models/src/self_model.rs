@@ -16,6 +16,7 @@ use crate::view::View;
 use domains::Layout;
 use nn::{Activation, Deconv, Mlp, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The networks f_θ, g_φ, d^m_θ, r_θ and π_ψ with their parameters.
@@ -155,14 +156,7 @@ impl SelfModel {
     /// Observations go in masked and are reconstructed whole; at the first step the prior is N(0, 1). Constants of the fixed
     /// deviations are left out.
     pub fn negative_elbo(&self, tape: &mut Tape, batch: &Batch) -> ElboTerms {
-        let Sizes {
-            latent,
-            image_deviation,
-            state_deviation,
-            verbal_deviation,
-            reward_deviation,
-            ..
-        } = self.sizes;
+        let latent = self.sizes.latent;
         let (steps, columns) = (batch.steps, batch.columns);
         let all = steps * columns;
         let observed = tape.input(&batch.observed);
@@ -215,31 +209,10 @@ impl SelfModel {
         };
         let kl = tape.gaussian_kl(mean, deviation, prior_mean, prior_deviation);
         let divergence = average(tape, kl);
-        let visual = self.decode_visual(tape, z);
-        let target = tape.input(&batch.visual);
-        let (image, numbers) = (self.sizes.image_numbers(), self.sizes.shape.visual);
-        let others = {
-            let (decoded, target) = (
-                tape.rows(visual, image..numbers),
-                tape.rows(target, image..numbers),
-            );
-            squared_error(tape, decoded, target, state_deviation)
-        };
-        let visual = if image > 0 {
-            let (decoded, target) = (tape.rows(visual, 0..image), tape.rows(target, 0..image));
-            let image = squared_error(tape, decoded, target, image_deviation);
-            tape.add(image, others)
-        } else {
-            others
-        };
-        let verbal = tape.mlp(&self.verbal, z);
-        let target = tape.input(&batch.verbal);
-        let verbal = squared_error(tape, verbal, target, verbal_deviation);
-        let both = tape.add(visual, verbal);
+        let everything = 0..all;
+        let both = self.reconstruction(tape, batch, z, everything.clone());
         let reconstruction = average(tape, both);
-        let reward = tape.mlp(&self.reward, z);
-        let target = tape.input(&batch.reward);
-        let reward = squared_error(tape, reward, target, reward_deviation);
+        let reward = self.rewarded(tape, batch, z, everything);
         let reward = average(tape, reward);
         let loss = tape.add(reconstruction, reward);
         let loss = tape.add(loss, divergence);
@@ -250,6 +223,87 @@ impl SelfModel {
             divergence,
             z,
         }
+    }
+
+    /// −Σ_m log p_θ(x^m | z) of the batch's columns in `of`, of which `z` is (`latent × columns`): `1 × columns`.
+    fn reconstruction(&self, tape: &mut Tape, batch: &Batch, z: Var, of: Range<usize>) -> Var {
+        let sizes = &self.sizes;
+        let visual = self.decode_visual(tape, z);
+        let target = tape.input(&batch.visual);
+        let target = tape.columns(target, of.clone());
+        let (image, numbers) = (sizes.image_numbers(), sizes.shape.visual);
+        let others = {
+            let (decoded, target) = (
+                tape.rows(visual, image..numbers),
+                tape.rows(target, image..numbers),
+            );
+            squared_error(tape, decoded, target, sizes.state_deviation)
+        };
+        let visual = if image > 0 {
+            let (decoded, target) = (tape.rows(visual, 0..image), tape.rows(target, 0..image));
+            let image = squared_error(tape, decoded, target, sizes.image_deviation);
+            tape.add(image, others)
+        } else {
+            others
+        };
+        let verbal = tape.mlp(&self.verbal, z);
+        let target = tape.input(&batch.verbal);
+        let target = tape.columns(target, of);
+        let verbal = squared_error(tape, verbal, target, sizes.verbal_deviation);
+        tape.add(visual, verbal)
+    }
+
+    /// −log p_θ(r | z) of the batch's columns in `of`, of which `z` is: `1 × columns`.
+    fn rewarded(&self, tape: &mut Tape, batch: &Batch, z: Var, of: Range<usize>) -> Var {
+        let reward = tape.mlp(&self.reward, z);
+        let target = tape.input(&batch.reward);
+        let target = tape.columns(target, of);
+        squared_error(tape, reward, target, self.sizes.reward_deviation)
+    }
+
+    /// How badly the model foresees, per step that counts: from the belief at step `from` it imagines the rest of each sequence, given
+    /// the actions but nothing more to see,
+    ///
+    /// ```text
+    /// L_f = − Σ_{t > from} ( Σ_m log p_θ(x^m_t | ẑ_t) + log p_θ(r_t | ẑ_t) ),   ẑ_t ~ p_θ(· | ẑ_{t−1}, a_{t−1}),  ẑ_from = z_from
+    /// ```
+    ///
+    /// The ELBO asks for one step at a time, and errors of a step add up: a car that rushes up from behind was foreseen to recede
+    /// (after Hafner et al. 2019, "latent overshooting", here of observations). `z`: what [`Self::negative_elbo`] sampled.
+    ///
+    /// # Panics
+    /// If the sequence has no step after `from`.
+    pub fn foresight(&self, tape: &mut Tape, batch: &Batch, z: Var, from: usize) -> Var {
+        let (steps, columns, latent) = (batch.steps, batch.columns, self.sizes.latent);
+        assert!(
+            from + 1 < steps,
+            "nothing lies after step {from} of {steps}"
+        );
+        let action = tape.input(&batch.action);
+        let noise = tape.input(&batch.noise);
+        let mut imagined = tape.columns(z, from * columns..(from + 1) * columns);
+        let mut all = Vec::with_capacity(steps - from - 1);
+        for t in from + 1..steps {
+            let here = t * columns..(t + 1) * columns;
+            let action = tape.columns(action, here.clone());
+            let input = tape.concat(&[imagined, action]);
+            let output = tape.mlp(&self.transition, input);
+            let (mean, deviation) = Self::gaussian(tape, output, latent);
+            let noise = tape.columns(noise, here);
+            imagined = tape.gaussian_sample(mean, deviation, noise);
+            all.push(imagined);
+        }
+        let imagined = tape.join(&all);
+        let of = (from + 1) * columns..steps * columns;
+        let reconstruction = self.reconstruction(tape, batch, imagined, of.clone());
+        let reward = self.rewarded(tape, batch, imagined, of.clone());
+        let both = tape.add(reconstruction, reward);
+        let weight = tape.input(&batch.weight);
+        let weight = tape.columns(weight, of.clone());
+        let counted: f32 = batch.weight.data()[of].iter().sum();
+        let weighted = tape.mul(both, weight);
+        let sum = tape.sum(weighted);
+        tape.scale(sum, 1.0 / counted.max(1.0))
     }
 }
 

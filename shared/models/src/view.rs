@@ -1,7 +1,6 @@
 //! How a masked observation looks to the networks: masked values with their masks beside them.
 
 use domains::{Layout, Mask};
-use nn::{Tape, Tensor, Var};
 
 /// Rows of an encoded observation: visual · mask, a number per region, verbal · mask, a number per utterance.
 #[derive(Clone, Debug)]
@@ -60,42 +59,5 @@ impl View {
             let said = verbal_mask[*utterance as usize] != 0.0;
             *out = if said { *x } else { 0.0 };
         }
-    }
-
-    /// As [`View::write`], for a batch on a tape and differentiable in what is seen. `seen`: regions × batch of 0 or 1;
-    /// `heard`: the utterances that everybody hears.
-    pub fn on_tape(
-        &self,
-        tape: &mut Tape,
-        visual: &Tensor,
-        verbal: &Tensor,
-        seen: Var,
-        heard: u32,
-    ) -> Var {
-        let batch = visual.cols();
-        let always = tape.constant(1, batch, 1.0);
-        let mask = tape.concat(&[seen, always]);
-        let mask = tape.gather_rows(mask, &self.region);
-        let visual = tape.input(visual);
-        let shown = tape.mul(visual, mask);
-        let hears = |utterance: u32| heard >> utterance & 1 == 1;
-        let spoken = tape.input_with(self.utterance.len(), batch, |out| {
-            for (out, x) in out
-                .chunks_exact_mut(self.utterance.len().max(1))
-                .zip(verbal.data().chunks_exact(self.utterance.len().max(1)))
-            {
-                for ((out, x), utterance) in out.iter_mut().zip(x).zip(&self.utterance) {
-                    *out = if hears(*utterance) { *x } else { 0.0 };
-                }
-            }
-        });
-        let verbal_mask = tape.input_with(self.utterances, batch, |out| {
-            for out in out.chunks_exact_mut(self.utterances.max(1)) {
-                for (utterance, out) in out.iter_mut().enumerate() {
-                    *out = f32::from(u8::from(hears(utterance as u32)));
-                }
-            }
-        });
-        tape.concat(&[shown, seen, spoken, verbal_mask])
     }
 }

@@ -7,11 +7,11 @@ use domains::highway::modalities::{PER_SECTOR, VERBAL, layout};
 use models::file::ModelFileError;
 use models::human_file::{HumanError, PersonalPolicy, load_human};
 use models::utterances::{Said, UtteranceTable};
-use models::{Implants, Kind, SelfModel};
+use models::{Kind, Posterior, SelfModel};
 use proptest::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
-use support::{Domain, follow, implants};
+use support::{Domain, follow, implants, posterior};
 
 const KINDS: [Said; 3] = [Said::Nothing, Said::Slow, Said::Fast];
 
@@ -53,14 +53,15 @@ fn implants_come_back_and_belong_to_one_self_model() {
     for domain in Domain::all() {
         let model = domain.self_model(1);
         for with_policy in [true, false] {
-            let ours = implants(&model, with_policy);
+            let ours = posterior(&model, with_policy, 5);
             ours.save(&path, &model, 1, "test").expect("written");
-            let (back, heard) = Implants::load(&path, &model).expect("read");
+            let (back, heard) = Posterior::load(&path, &model).expect("read");
             assert_eq!((back.has_policy(), heard), (with_policy, 1));
-            assert_eq!(back.limits(), ours.limits());
-            assert_eq!(back.parameters, ours.parameters);
+            assert_eq!(back.hypotheses, ours.hypotheses);
+            assert_eq!(back.weights, ours.weights);
+            assert_eq!(back.features, ours.features);
             let stranger = domain.self_model(2);
-            let error = Implants::load(&path, &stranger).expect_err("another self-model");
+            let error = Posterior::load(&path, &stranger).expect_err("another self-model");
             let is_said = matches!(error, ModelFileError::OtherSelfModel { .. });
             assert!(is_said, "{error}");
         }
@@ -77,7 +78,7 @@ fn a_file_of_the_other_sort_is_refused() {
     ours.save(&other, &model, 0, "test").expect("written");
     for error in [
         SelfModel::load(&other, layout()).expect_err("implants are no self-model"),
-        Implants::load(&one, &model).expect_err("a self-model is no implants"),
+        Posterior::load(&one, &model).expect_err("a self-model is no implants"),
     ] {
         assert!(matches!(error, ModelFileError::Holds { .. }), "{error}");
     }

@@ -10,7 +10,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use domains::highway::modalities::layout;
 use models::imagined::ImaginedGroups;
-use models::{Beliefs, Implants, SelfHuman, SelfModel, Sizes};
+use models::{Beliefs, Posterior, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::planner::{From, GROUPS};
 use planning::{Chooser, LocalPeople, Method, Settings, ThreadedPeople};
@@ -70,8 +70,7 @@ impl Setting {
     }
 
     fn human(&self) -> SelfHuman {
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let implants = Implants::new(&self.model, true, &mut rng);
+        let implants = Posterior::neutral(&self.model, true);
         SelfHuman::new(self.model.clone(), Some(implants), 0)
     }
 

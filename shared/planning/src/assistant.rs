@@ -5,11 +5,8 @@ use crate::chooser::{Chooser, Method};
 use crate::items::{Items, Sectors};
 use crate::people::{ImaginedPeople, LocalPeople, PeopleError};
 use crate::planner::{Decision, From, GROUPS, Plan, Settings};
-use models::human::following;
 use models::imagined::ImaginedGroups;
-use models::{
-    ActionDistribution, Beliefs, Communicated, Filter, HumanModel, Observations, SelfModel,
-};
+use models::{ActionDistribution, Communicated, Filter, FollowedPerson, HumanModel, SelfModel};
 use nn::Tensor;
 use std::sync::Arc;
 
@@ -19,14 +16,11 @@ pub struct Assistant<I: Items = Sectors> {
     human: Box<dyn HumanModel>,
     planner: Chooser<SelfModel, I>,
     filter: Filter,
-    beliefs: Beliefs,
-    expected: ActionDistribution,
-    observations: Observations,
+    person: FollowedPerson,
     observed: Tensor,
     action: Tensor,
     groups: ImaginedGroups,
     pending: Vec<Tensor>,
-    noise: Vec<f32>,
 }
 
 /// When a plan is made.
@@ -58,14 +52,11 @@ impl<I: Items> Assistant<I> {
         Self {
             planner: Chooser::with_items(method, settings, &*model, items),
             filter: Filter::new(model.sizes.latent, 1),
-            beliefs: Beliefs::new(human.latent(), 1),
-            expected: ActionDistribution::new(human.actions(), 1),
-            observations: Observations::new(&shape, 1),
+            person: FollowedPerson::new(&*human, &shape),
             observed: Tensor::new(model.view.rows(), 1),
             action: Tensor::new(shape.action, 1),
             groups,
             pending: vec![Tensor::new(shape.action, rows); GROUPS],
-            noise: vec![0.0; human.noise_rows()],
             model,
             human,
         }
@@ -74,7 +65,7 @@ impl<I: Items> Assistant<I> {
     /// An episode begins.
     pub fn reset(&mut self) {
         self.filter.reset();
-        self.beliefs.reset();
+        self.person.reset(&*self.human);
     }
 
     /// Step k is sensed: updates z^R and z^H. `visual`: as sensed; `verbal`: what was, or could be, said; `told`: the items
@@ -94,23 +85,14 @@ impl<I: Items> Assistant<I> {
         self.model.view.write(visual, verbal, sensed, out);
         self.filter
             .update(&self.model, &self.action, &self.observed);
-        let seen = &mut self.observations;
-        seen.visual.column_mut(0).copy_from_slice(visual);
-        seen.verbal.column_mut(0).copy_from_slice(verbal);
-        let noise = following(&*self.human, at, &mut self.noise);
-        self.human.perceive(
-            &mut self.beliefs,
-            &self.action,
-            &self.observations,
-            &[told],
-            noise,
-        );
+        let sensed = (visual, verbal);
+        self.person
+            .perceive(&mut *self.human, sensed, told, taken, at);
     }
 
     /// The distribution of the person's action at step k.
-    pub fn expected_action(&mut self) -> &ActionDistribution {
-        self.human.act(&self.beliefs, &mut self.expected);
-        &self.expected
+    pub fn expected_action(&self) -> &ActionDistribution {
+        self.person.expected()
     }
 
     /// Probability of an item in the last plan's first decision: visual items, then verbal ones.
@@ -134,7 +116,7 @@ impl<I: Items> Assistant<I> {
     ) -> Result<Plan, PeopleError> {
         let mut people = LocalPeople {
             model: self.human.as_mut(),
-            person: &self.beliefs,
+            person: &self.person.beliefs,
             groups: &mut self.groups,
             pending: &mut self.pending,
         };

@@ -8,7 +8,7 @@ use domains::highway::modalities::layout;
 use domains::highway::{AZIMUTHS, BEAMS};
 use models::imagined::{Futures, ImaginedGroups, Moment};
 use models::{
-    Beliefs, Communicated, HumanModel, Implants, Kind, Observations, RecurrentHuman,
+    Beliefs, Communicated, HumanModel, Kind, Observations, Posterior, RecurrentHuman,
     RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Sizes,
 };
 use nn::Tensor;
@@ -40,10 +40,9 @@ fn model() -> Arc<SelfModel> {
 
 /// Somebody who sees 5 m.
 fn short_sighted(model: &Arc<SelfModel>) -> Box<dyn HumanModel> {
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut implants = Implants::new(model, true, &mut rng);
-    implants.set_all_limits(5.0);
-    Box::new(SelfHuman::new(model.clone(), Some(implants), 0))
+    let mut posterior = Posterior::neutral(model, true);
+    posterior.hypotheses[0].limits.fill(5.0);
+    Box::new(SelfHuman::new(model.clone(), Some(posterior), 0))
 }
 
 impl Scene {
@@ -104,10 +103,9 @@ fn gridworld(domain: Domain) -> (Arc<SelfModel>, Box<dyn HumanModel>) {
     let layout = models::words::layout_of(&scene).expect("ships");
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let model = Arc::new(SelfModel::new(Sizes::of(&layout), layout, &mut rng));
-    let mut implants = Implants::new(&model, true, &mut rng);
-    let limits = model.layout.perception.limits();
-    implants.set_limits(&vec![0.0; limits]);
-    let human = SelfHuman::new(Arc::clone(&model), Some(implants), 0);
+    let mut posterior = Posterior::neutral(&model, true);
+    posterior.hypotheses[0].limits.fill(0.0);
+    let human = SelfHuman::new(Arc::clone(&model), Some(posterior), 0);
     (model, Box::new(human))
 }
 

@@ -6,7 +6,7 @@ mod support;
 use domains::highway::SECTORS;
 use domains::highway::modalities::layout;
 use models::imagined::ImaginedGroups;
-use models::{Beliefs, Communicated, Implants, SelfHuman, SelfModel, Sizes};
+use models::{Beliefs, Communicated, Posterior, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::planner::{BITS, GROUPS, Planner};
 use planning::{Decision, LocalPeople, PeopleError, RaceSettings, Settings};
@@ -399,7 +399,7 @@ fn plans_with_a_human_model_allocate_nothing_and_repeat() {
         &mut rng,
     ));
     let latent = model.sizes.latent;
-    let implants = Implants::new(&model, true, &mut rng);
+    let implants = Posterior::neutral(&model, true);
     let settings = Settings {
         samples: 40,
         futures: 1,

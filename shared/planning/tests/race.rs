@@ -5,7 +5,7 @@ mod support;
 
 use domains::highway::modalities::layout;
 use models::imagined::ImaginedGroups;
-use models::{Beliefs, Communicated, Implants, SelfHuman, SelfModel, Sizes};
+use models::{Beliefs, Communicated, Posterior, SelfHuman, SelfModel, Sizes};
 use nn::Tensor;
 use planning::candidates::Candidate;
 use planning::items::{Items, Sectors};
@@ -199,9 +199,8 @@ impl Robot {
 
     /// Somebody who sees half of what is there, and whom it is cheap to tell.
     fn human(&self) -> SelfHuman {
-        let rng = &mut ChaCha8Rng::seed_from_u64(2);
-        let implants = Implants::new(&self.model, true, rng);
-        SelfHuman::new(self.model.clone(), Some(implants), 0)
+        let posterior = Posterior::neutral(&self.model, true);
+        SelfHuman::new(self.model.clone(), Some(posterior), 0)
     }
 
     fn from(&self, start: Start) -> From<'_> {

@@ -5,12 +5,12 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use domains::discrete::{Discrete, Domain, Scene, Setting, SimulatedPerson, World};
-use models::{SelfModel, Sizes};
+use models::{Kind, SelfModel, Sizes};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use std::time::Duration;
-use training::implants_discrete as implants;
+use training::implants::{self, ImplantSettings};
 use training::rounds::Rounds;
 
 fn learn(c: &mut Criterion) {
@@ -22,13 +22,15 @@ fn learn(c: &mut Criterion) {
         let mut world = World::new(&scene, &words).expect("as many words as sentences");
         let layout = Arc::new(world.layout().clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
+        let model = Arc::new(SelfModel::new(Sizes::of(&layout), layout, &mut rng));
         let mut person = SimulatedPerson::builtin(&scene, 1, &words).expect("a builtin person");
         for count in [4, 20] {
             let rounds = Rounds::record(&mut world, &mut person, 1, 0, count);
-            let settings = implants::Settings::default();
+            let settings = ImplantSettings::of(domain.name());
             group.bench_function(format!("{}, {count} rounds", domain.name()), |b| {
-                b.iter(|| implants::learn(&model, true, &rounds, &settings, &mut |_, _| {}));
+                b.iter(|| {
+                    implants::learn(&model, Kind::Mirror, &rounds, &settings, &mut |_, _| {})
+                });
             });
         }
     }

@@ -4,16 +4,15 @@
 //! sort, are refused with file, line and column.
 
 use crate::cloning::CloningSettings;
+use crate::implants::ImplantSettings;
 use crate::self_model::SelfModelSettings;
 use crate::sqil::SqilSettings;
-use crate::{implants, implants_discrete};
 use domains::Layout;
 use models::Sizes;
 use models::config::{Network, shipped};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use thiserror::Error;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -21,13 +20,13 @@ use toml::{Spanned, Table, Value};
 /// All settings of a domain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config<I> {
+pub struct Config {
     /// Networks of the self-model.
     pub network: Network,
     /// How the self-model is learned.
     pub self_model: SelfModelSettings,
     /// How implants are.
-    pub implants: I,
+    pub implants: ImplantSettings,
     /// The recurrent policies of behavioural cloning and soft-Q imitation.
     pub policy: PolicySettings,
     /// Behavioural cloning.
@@ -71,11 +70,6 @@ pub struct Policies {
     pub sqil: SqilSettings,
 }
 
-/// The highway's.
-pub type HighwayConfig = Config<implants::Settings>;
-/// A gridworld's.
-pub type GridworldConfig = Config<implants_discrete::Settings>;
-
 /// A configuration could not be used.
 #[derive(Debug, Error)]
 pub enum ConfigError {
@@ -117,17 +111,14 @@ pub trait Checked {
     fn problem(&self) -> Option<String>;
 }
 
-impl<I> Config<I>
-where
-    I: Checked + DeserializeOwned + Serialize,
-{
+impl Config {
     /// What ships for `domain`, with what `file` says instead.
     ///
     /// # Errors
     /// Names the file and the place in it.
     pub fn load(domain: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
         let Some(file) = file else {
-            return Ok(Self::of_shipped(domain));
+            return Ok(Self::shipped(domain));
         };
         let bytes = std::fs::read(file).map_err(|source| ConfigError::Read {
             file: file.to_owned(),
@@ -143,7 +134,11 @@ where
         Ok(config)
     }
 
-    fn of_shipped(domain: &str) -> Self {
+    /// What ships for a domain.
+    ///
+    /// # Panics
+    /// If none does.
+    pub fn shipped(domain: &str) -> Self {
         of_shipped(domain)
     }
 
@@ -194,12 +189,6 @@ where
     }
 }
 
-/// What ships for the highway.
-pub fn highway() -> &'static HighwayConfig {
-    static CONFIG: OnceLock<HighwayConfig> = OnceLock::new();
-    CONFIG.get_or_init(|| Config::of_shipped("highway"))
-}
-
 fn of_shipped<T: DeserializeOwned>(domain: &str) -> T {
     let (name, text) = shipped(domain);
     // Every file that ships is read by a test.
@@ -218,11 +207,6 @@ pub fn self_model(domain: &str) -> SelfModelSettings {
 /// What ships of recurrent policies for a domain.
 pub fn policies(domain: &str) -> Policies {
     of_shipped(domain)
-}
-
-/// What ships for a gridworld.
-pub fn gridworld(domain: &str) -> GridworldConfig {
-    Config::of_shipped(domain)
 }
 
 /// What is wrong at byte `start` of a file's text.
@@ -332,16 +316,16 @@ mod tests {
 
     #[test]
     fn what_ships_is_sound_and_printing_it_gives_it_back() {
-        let highway = highway();
+        let highway = Config::shipped("highway");
         assert!(highway.check(Path::new("highway")).is_ok());
         let (_folder, path) = file(&highway.to_toml());
-        let back = HighwayConfig::load("highway", Some(&path)).expect("read back");
-        assert_eq!(&back, highway);
+        let back = Config::load("highway", Some(&path)).expect("read back");
+        assert_eq!(back, highway);
         for domain in ["driving", "search_rescue", "bomb_defusal"] {
-            let config = gridworld(domain);
+            let config = Config::shipped(domain);
             assert!(config.check(Path::new(domain)).is_ok());
             let (_folder, path) = file(&config.to_toml());
-            let back = GridworldConfig::load(domain, Some(&path)).expect("read back");
+            let back = Config::load(domain, Some(&path)).expect("read back");
             assert_eq!(back, config);
         }
     }
@@ -349,12 +333,12 @@ mod tests {
     #[test]
     fn a_part_of_a_file_changes_that_part() {
         let (_folder, path) = file("[network]\nlatent = 32\n[sqil]\nlearning_rate = 1\n");
-        let config = GridworldConfig::load("driving", Some(&path)).expect("read");
+        let config = Config::load("driving", Some(&path)).expect("read");
         assert_eq!(
             (config.network.latent, config.sqil.learning_rate),
             (32, 1.0)
         );
-        let mut expected = gridworld("driving");
+        let mut expected = Config::shipped("driving");
         expected.network.latent = 32;
         expected.sqil.learning_rate = 1.0;
         assert_eq!(config, expected);
@@ -384,7 +368,7 @@ mod tests {
             ("network = 3\n", ":1:11:", "a table"),
         ] {
             let (_folder, path) = file(text);
-            let error = GridworldConfig::load("driving", Some(&path)).expect_err(text);
+            let error = Config::load("driving", Some(&path)).expect_err(text);
             let error = error.to_string();
             let named = ["mine.toml", place, word].iter().all(|s| error.contains(s));
             assert!(named, "{text:?}: {error}");
@@ -395,7 +379,7 @@ mod tests {
     fn bytes_that_are_no_text_are_named_with_their_place() {
         let (_folder, path) = file("");
         std::fs::write(&path, b"[sqil]\nrounds = \xff").expect("written");
-        let error = HighwayConfig::load("highway", Some(&path)).expect_err("no text");
+        let error = Config::load("highway", Some(&path)).expect_err("no text");
         assert!(
             error.to_string().contains("mine.toml:2:10: not UTF-8"),
             "{error}"
@@ -409,8 +393,8 @@ mod tests {
         #[test]
         fn no_file_panics(text in "[\\[\\]a-z_=0-9.\\-\"\n ]{0,60}") {
             let (_folder, path) = file(&text);
-            let _ = GridworldConfig::load("bomb_defusal", Some(&path));
-            let _ = HighwayConfig::load("highway", Some(&path));
+            let _ = Config::load("bomb_defusal", Some(&path));
+            let _ = Config::load("highway", Some(&path));
         }
     }
 }

@@ -28,7 +28,7 @@
 
 use crate::batches::Shard;
 use crate::config::Checked;
-use crate::sac::lighter;
+use crate::sac::{foreseeing, lighter};
 use crate::self_model::{Losses, Schedule};
 use models::policy::largest;
 use models::self_model::Batch;
@@ -136,6 +136,7 @@ impl Dqn {
         let imitation = mean_of(&mut tape, short, &rivals.counts);
 
         let total = lighter(&mut tape, &terms, schedule.divergence);
+        let (total, foresight) = foreseeing(&mut tape, model, shard, &terms, schedule, total);
         let total = tape.add(total, q);
         let weighted = tape.scale(imitation, settings.imitation);
         let total = tape.add(total, weighted);
@@ -147,6 +148,7 @@ impl Dqn {
             divergence: tape.scalar(terms.divergence),
             value: tape.scalar(q),
             policy: tape.scalar(imitation),
+            foresight,
             log_density: 0.0,
         }
     }
@@ -306,6 +308,7 @@ mod tests {
         let mut shard = Shard {
             batch: Batch::new(&model, 2, 3),
             expert: Tensor::new(4, 6),
+            imitated: Tensor::new(1, 6),
             terminal: Tensor::new(1, 6),
         };
         shard.expert.column_mut(0)[2] = 1.0;

@@ -23,6 +23,17 @@ pub trait Environment: Send {
     /// What somebody would do who knows the whole state; zeros once the round of a gridworld is over.
     fn expert(&mut self, action: &mut [f32]);
 
+    /// What an expert would do who sees no farther than `limits`, in the order of the domain's [`domains::Perception`]; zeros where
+    /// there is no such expert. Within a round, limits stay as they are.
+    fn peer(&mut self, _limits: &[f32], action: &mut [f32]) {
+        action.fill(0.0);
+    }
+
+    /// Whether there is one.
+    fn has_peer(&self) -> bool {
+        false
+    }
+
     /// Does `action` (for a choice: zeros with a one); what it earned.
     fn step(&mut self, action: &[f32]) -> f32;
 
@@ -129,6 +140,7 @@ pub struct Highway {
     /// The world.
     pub world: highway::World,
     expert: Expert,
+    peer: Expert,
     table: UtteranceTable,
     layout: Arc<Layout>,
     observation: Observation,
@@ -143,6 +155,7 @@ impl Highway {
         let world = highway::World::new(scene)?;
         Ok(Self {
             expert: Expert::new(&world),
+            peer: Expert::new(&world),
             world,
             table,
             layout: modalities::layout(),
@@ -159,6 +172,7 @@ impl Environment for Highway {
     fn reset(&mut self, seed: u64, episode: u32, _scenario: u32) {
         self.world.reset(seed, episode);
         self.expert.reset(&self.world);
+        self.peer.reset(&self.world);
     }
 
     fn observe(&mut self, visual: &mut [f32], verbal: &mut [f32]) {
@@ -178,6 +192,15 @@ impl Environment for Highway {
 
     fn expert(&mut self, action: &mut [f32]) {
         action.copy_from_slice(&self.expert.act(&self.world));
+    }
+
+    fn peer(&mut self, limits: &[f32], action: &mut [f32]) {
+        let visible_m = core::array::from_fn(|azimuth| limits[azimuth]);
+        action.copy_from_slice(&self.peer.act_within(&self.world, &visible_m));
+    }
+
+    fn has_peer(&self) -> bool {
+        true
     }
 
     fn step(&mut self, action: &[f32]) -> f32 {

@@ -1,120 +1,118 @@
-//! Learning implants from a person's demonstrations (paper §III-B, equation 5):
+//! Learning implants from a person's rounds, as a posterior (paper §III-B, equation 5, of which this is what a single best χ stands
+//! for):
 //!
 //! ```text
-//! argmin_χ  − Σ_t E_{z_t ~ q(z_t | x_{1:t}, a_{1:t−1}, χ)} [log π(a_t | z_t)]  −  λ log p(χ)
+//! p(χ | rounds) ∝ p(χ) Π_t p(a_t | z_t, χ),   z_t ~ q_φ(z_t | z_{t−1}, a_{t−1}, h_p(x_t))
 //! ```
 //!
-//! Only χ moves. The rounds are cut into windows; every iteration follows all of them through q_φ and the perceptual
-//! implant, and Adam moves χ along the gradient.
+//! χ has two parts. Of the limits of sight there are hypotheses ([`sight`]): a grid where one or two numbers are looked for, else
+//! points that draw near to where the evidence is. Under each, the rounds are followed through the perception and q_φ
+//! ([`follow`]); given what the person then believes at every step, the policy implant has one best value and its evidence
+//! ([`choices`], [`hands`]: Laplace's method).
+//!
+//! The model is wrong about everybody, and successive steps say much the same, so that the plain posterior is far too sure. It is
+//! therefore averaged over rounds drawn with replacement (BayesBag; Huggins and Miller 2019): where one lucky round decides, the
+//! average stays broad.
+//!
+//! Only χ moves: the self-model is read, never written.
 
-use crate::SHARDS;
-use crate::config::{self, Checked};
-use crate::rounds::Rounds;
-use domains::highway::modalities::VISUAL;
-use models::implants::{ActionOnTape, Attached, limits_on_tape, policy_on_tape, seen_on_tape};
-use models::policy::unsquash;
-use models::{Implants, Kind, SelfModel};
-use nn::{Adam, Arena, Gradients, Parameters, Tape, Tensor, Var, noise};
-use rand::SeedableRng;
+mod choices;
+mod follow;
+mod hands;
+mod sight;
+
+pub use follow::Followed;
+
+use crate::config::{Checked, Config};
+use crate::linear::principal;
+use crate::rounds::{Round, Rounds};
+use domains::ActionSpace;
+use models::{Features, Implants, Kind, PolicyImplant, Posterior, SelfModel};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use sight::Sampler;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use thiserror::Error;
 
-/// Settings; the defaults are the authors' where they gave some.
+/// ImplantSettings of learning a person's implants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
-    /// Adam's rate.
-    pub learning_rate: f32,
-    /// Steps of Adam.
-    pub iterations: usize,
-    /// Steps per window.
-    pub window: usize,
-    /// Steps from one window's start to the next one's: half a window, so that every moment is seen with some history.
-    pub stride: usize,
-    /// Steps at a round's start that are left out.
+pub struct ImplantSettings {
+    /// Hypotheses about sight: for each number that is looked for where there are one or two, else of each of [`Self::rounds`].
+    pub points: usize,
+    /// How often points are drawn anew near to the evidence; of no use with a grid.
+    pub rounds: usize,
+    /// K: samples of what was noticed, where perception is a matter of chance.
+    pub samples: usize,
+    /// Steps at a round's start whose actions do not count.
     pub skip: usize,
-    /// Weights of the action's dimensions: throttle, steer.
-    pub weights: [f32; 2],
-    /// λ: penalty on the mean square of δ.
-    pub residual_penalty: f32,
-    /// Prior: standard deviation of the difference between the thresholds of neighbouring azimuths, in metres. Sight
-    /// changes little from one direction to the next, and many azimuths never meet a car in a few rounds.
-    pub smoothness_m: f32,
-    /// Learning starts from each of these thresholds, in metres, and the best fit is kept: the loss has many valleys, since
-    /// a threshold that no car ever crosses feels no slope.
-    pub starts_m: [f32; 3],
-    /// Steps at a window's start that only build up the belief.
-    pub warm_up: usize,
-    /// Seed of the residual's first weights and of the noise.
+    /// Directions of z that the residual can follow.
+    pub features: usize,
+    /// Prior of ln β: mean, deviation.
+    pub log_gain: [f32; 2],
+    /// Deviation of b's prior.
+    pub bias: f32,
+    /// Deviation of W's prior.
+    pub residual: f32,
+    /// Mean of ε's prior, a Beta distribution of strength 30.
+    pub lapse: f32,
+    /// Draws of rounds that the posterior is averaged over.
+    pub bags: usize,
+    /// Most hypotheses that are kept.
+    pub kept: usize,
+    /// Seed of what is drawn.
     #[serde(default)]
     pub seed: u64,
 }
 
-impl Default for Settings {
-    /// What ships ([`crate::config`]).
-    fn default() -> Self {
-        config::highway().implants
+impl ImplantSettings {
+    /// What ships for a domain ([`crate::config`]).
+    pub fn of(domain: &str) -> Self {
+        Config::shipped(domain).implants
     }
 }
 
-impl Checked for Settings {
+impl Checked for ImplantSettings {
     fn problem(&self) -> Option<String> {
-        let Self {
-            learning_rate,
-            iterations,
-            window,
-            smoothness_m,
-            warm_up,
-            ..
-        } = *self;
-        if iterations == 0 || iterations > 100_000 || window < warm_up + 2 || window > 10_000 {
+        let counts = [
+            (self.points, 1000),
+            (self.samples, 1000),
+            (self.bags, 10_000),
+            (self.kept, 256),
+        ];
+        if counts.iter().any(|(n, most)| !(1..=*most).contains(n)) {
             return Some(
-                "iterations from 1 to 100000; window at least warm_up + 2, at most 10000"
+                "points and samples from 1 to 1000, bags from 1 to 10000, kept from 1 to 256"
                     .to_owned(),
             );
         }
-        let positive = [learning_rate, smoothness_m];
-        (!positive.iter().all(|x| *x > 0.0)
-            || self.weights.iter().any(|x| *x < 0.0)
-            || self.residual_penalty < 0.0)
-            .then(|| {
-                "learning_rate and smoothness_m are positive, weights and residual_penalty not negative"
-                    .to_owned()
-            })
-    }
-}
-
-impl Settings {
-    /// Steps that a round of these needs to be learned from: what is left out at its start, and a window, which is as long as
-    /// the longest round allows.
-    pub fn least_steps(&self, demonstrations: &Rounds) -> usize {
-        self.skip + self.window_of(demonstrations)
-    }
-
-    fn window_of(&self, demonstrations: &Rounds) -> usize {
-        let rounds = demonstrations.rounds.iter();
-        let longest = rounds.map(|r| r.len()).max().unwrap_or(0);
-        self.window.min(longest.saturating_sub(self.skip))
+        if self.features > 128 || self.rounds > 100 {
+            return Some("at most 128 features and 100 rounds".to_owned());
+        }
+        let positive = [self.log_gain[1], self.bias, self.residual];
+        (!positive.iter().all(|x| x.is_finite() && *x > 0.0)
+            || !self.log_gain[0].is_finite()
+            || !(1e-4..0.5).contains(&self.lapse))
+        .then(|| "deviations of priors must be positive, and lapse from 0.0001 to 0.5".to_owned())
     }
 }
 
 /// Learning is impossible.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum ImplantError {
-    /// No round is long enough.
+    /// There is no step to learn from.
     #[error(
-        "no round has {needed} steps after the first {skip}: there is nothing to learn from ({rounds} rounds, longest {longest} steps)"
+        "the rounds hold no step to learn from: {rounds} rounds, the longest of {longest} steps, of which the first {skip} do not count"
     )]
-    TooShort {
-        /// Steps that a window needs at least.
-        needed: usize,
-        /// Steps left out at the start.
-        skip: usize,
-        /// Rounds given.
+    NothingToLearn {
+        /// Rounds.
         rounds: usize,
-        /// Longest of them.
+        /// Steps of the longest.
         longest: usize,
+        /// Steps left out at each one's start.
+        skip: usize,
     },
     /// The kind of human model has no implants.
     #[error("a human model of kind `{0}` has no implants to learn")]
@@ -124,307 +122,233 @@ pub enum ImplantError {
 /// What learning gave.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    /// The implants.
-    pub implants: Implants,
-    /// The loss at every iteration.
-    pub losses: Vec<f32>,
-    /// Names of the self-model's parameters that changed by a single bit on the tape's side: none, or there is a bug.
-    pub frozen_moved: Vec<String>,
+    /// What is now known of the person.
+    pub posterior: Posterior,
+    /// −log p(a_t) a step under the most probable hypothesis.
+    pub loss: f32,
+    /// Hypotheses that were tried.
+    pub tried: usize,
 }
 
-impl Learned {
-    /// Mean loss of the last tenth of the iterations, which differ only in the noise of z.
-    pub fn last_loss(&self) -> f32 {
-        let n = self.losses.len();
-        let last = &self.losses[n - (n / 10).max(1).min(n)..];
-        last.iter().sum::<f32>() / last.len().max(1) as f32
-    }
+/// The evidence for one hypothesis about sight.
+struct Weighed {
+    policy: Option<PolicyImplant>,
+    /// log p(actions | hypothesis) of each round under the best policy implant.
+    rounds: Vec<f64>,
+    /// What the choice of the policy implant costs: log prior and Occam factor.
+    occam: f64,
 }
 
-/// One shard's windows, all of equal length: `features × windows` per step.
-pub struct Windows {
-    /// x^visual_t.
-    pub visual: Vec<Tensor>,
-    /// a_t before tanh: what the person did having seen x_t.
-    pub action: Vec<Tensor>,
-    /// a_{t−1}.
-    pub previous: Vec<Tensor>,
-    /// ε of z_t.
-    pub noise: Vec<Tensor>,
-}
-
-/// Cuts rounds into windows, in shards.
-pub fn windows(
-    demonstrations: &Rounds,
-    settings: &Settings,
-    latent: usize,
-) -> Result<Vec<Windows>, ImplantError> {
-    let longest = demonstrations.rounds.iter().map(|r| r.len()).max();
-    let longest = longest.unwrap_or(0);
-    let length = settings.window_of(demonstrations);
-    let needed = settings.warm_up + 2;
-    if length < needed {
-        return Err(ImplantError::TooShort {
-            needed,
-            skip: settings.skip,
-            rounds: demonstrations.rounds.len(),
-            longest,
-        });
-    }
-    let mut starts = Vec::new();
-    for (r, round) in demonstrations.rounds.iter().enumerate() {
-        let n = round.len();
-        if n < settings.skip + length {
-            continue;
-        }
-        let last = n - length;
-        let mut start = settings.skip;
-        while start < last {
-            starts.push((r, start));
-            start += settings.stride.max(1);
-        }
-        starts.push((r, last)); // a round's end is where things happen
-    }
-    let shards = SHARDS.min(starts.len());
-    Ok((0..shards)
-        .map(|s| {
-            let mine = &starts[starts.len() * s / shards..starts.len() * (s + 1) / shards];
-            let tensor = |rows| Tensor::new(rows, mine.len());
-            let mut windows = Windows {
-                visual: vec![tensor(VISUAL); length],
-                action: vec![tensor(2); length],
-                previous: vec![tensor(2); length],
-                noise: vec![tensor(latent); length],
-            };
-            for (j, &(r, start)) in mine.iter().enumerate() {
-                let round = &demonstrations.rounds[r];
-                for t in 0..length {
-                    let visual = round.visual(start + t);
-                    windows.visual[t].column_mut(j).copy_from_slice(visual);
-                    let action = round.action(start + t);
-                    for (u, a) in windows.action[t].column_mut(j).iter_mut().zip(action) {
-                        *u = unsquash(*a);
-                    }
-                    if start + t > 0 {
-                        let before = round.action(start + t - 1);
-                        windows.previous[t].column_mut(j).copy_from_slice(before);
-                    }
-                }
-            }
-            windows
-        })
-        .collect())
-}
-
-/// Learns implants of `kind` from `demonstrations`, on the unchanged `model`.
+/// Learns the implants of one person: `mirror`, or `mirror-p` without a policy implant. `progress` hears of hypotheses tried, out of
+/// how many. The result does not depend on the number of threads.
+///
+/// # Errors
+/// [`ImplantError`].
 pub fn learn(
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     kind: Kind,
-    demonstrations: &Rounds,
-    settings: &Settings,
-    mut progress: impl FnMut(usize, f32),
+    rounds: &Rounds,
+    settings: &ImplantSettings,
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Learned, ImplantError> {
     let with_policy = match kind {
         Kind::Mirror => true,
         Kind::MirrorP => false,
         _ => return Err(ImplantError::NoImplants(kind.name())),
     };
-    let mut best: Option<Learned> = None;
-    for (i, &start_m) in settings.starts_m.iter().enumerate() {
-        let done = i * settings.iterations;
-        let learned = learn_from(
-            model,
-            with_policy,
-            start_m,
-            demonstrations,
-            settings,
-            &mut |iteration, loss| progress(done + iteration, loss),
-        )?;
-        if best
-            .as_ref()
-            .is_none_or(|best| learned.last_loss() < best.last_loss())
-        {
-            best = Some(learned);
-        }
-    }
-    // `starts_m` is an array with at least one start.
-    Ok(best.expect("there is a start"))
-}
-
-/// One start of [`learn`].
-fn learn_from(
-    model: &SelfModel,
-    with_policy: bool,
-    start_m: f32,
-    demonstrations: &Rounds,
-    settings: &Settings,
-    progress: &mut dyn FnMut(usize, f32),
-) -> Result<Learned, ImplantError> {
-    let latent = model.sizes.latent;
-    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let mut implants = Implants::new(model, with_policy, &mut rng);
-    implants.set_all_limits(start_m);
-    let mut parameters = model.parameters.clone();
-    let attached = implants.attach(&mut parameters);
-    let mut shards = windows(demonstrations, settings, latent)?;
-    let total: usize = shards.iter().map(|s| s.visual[0].cols()).sum();
-    let moments = total * shards[0].visual.len().saturating_sub(settings.warm_up);
-    let mut arenas: Vec<Arena> = shards.iter().map(|_| Arena::default()).collect();
-    let mut gradients: Vec<Gradients> = shards
-        .iter()
-        .map(|_| Gradients::for_params(&parameters))
-        .collect();
-    let mut adam = Adam::new(&parameters, attached.ids().to_vec(), settings.learning_rate);
-    let mut losses = Vec::with_capacity(settings.iterations);
-    for iteration in 0..settings.iterations {
-        for (s, shard) in shards.iter_mut().enumerate() {
-            for (t, noise) in shard.noise.iter_mut().enumerate() {
-                let stream = ((iteration * 2 + s) * 4096 + t) as u64;
-                noise::fill(noise.data_mut(), settings.seed, stream);
-            }
-        }
-        let mut loss = 0.0;
-        std::thread::scope(|scope| {
-            let jobs: Vec<_> = shards
-                .iter()
-                .zip(&mut arenas)
-                .zip(&mut gradients)
-                .map(|((shard, arena), gradients)| {
-                    let (parameters, attached) = (&parameters, &attached);
-                    scope.spawn(move || {
-                        gradients.zero();
-                        let mut tape = Tape::new(parameters, arena);
-                        let loss =
-                            negative_log_likelihood(&mut tape, model, attached, shard, settings);
-                        // Every window weighs the same, however the shards were cut.
-                        let share = shard.visual[0].cols() as f32 / total as f32;
-                        let prior =
-                            negative_log_prior(&mut tape, model, attached, settings, moments);
-                        let loss = tape.add(loss, prior);
-                        let loss = tape.scale(loss, share);
-                        let value = tape.value(loss)[0];
-                        tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
-                        value
-                    })
-                })
-                .collect();
-            for job in jobs {
-                match job.join() {
-                    Ok(value) => loss += value,
-                    Err(panic) => std::panic::resume_unwind(panic),
-                }
-            }
+    if counted(rounds, settings.skip) == 0 {
+        return Err(ImplantError::NothingToLearn {
+            rounds: rounds.rounds.len(),
+            longest: longest(rounds),
+            skip: settings.skip,
         });
-        let (first, rest) = gradients.split_at_mut(1);
-        for other in rest {
-            first[0].add(other);
-        }
-        // The rate falls to nothing, so that the noise of sampling z averages out.
-        let left = 1.0 - iteration as f32 / settings.iterations as f32;
-        adam.learning_rate = settings.learning_rate * left;
-        adam.step(&mut parameters, &first[0]);
-        losses.push(loss);
-        progress(iteration + 1, loss);
     }
-    implants.detach(&parameters, &attached);
+    let perception = model.layout.perception;
+    let features = match with_policy {
+        true => features_of(model, rounds, settings),
+        false => Features::default(),
+    };
+    let mut sampler = Sampler::new(perception, settings);
+    let all = sampler.total();
+    let mut tried: Vec<Weighed> = Vec::new();
+    while let Some(points) = sampler.next() {
+        let weighed = weigh_all(model, points, rounds, &features, with_policy, settings);
+        tried.extend(weighed);
+        progress(tried.len(), all);
+        let scores: Vec<f64> = tried
+            .iter()
+            .map(|w| w.rounds.iter().sum::<f64>() + w.occam)
+            .collect();
+        sampler.learn(&scores);
+    }
+    let weights = bagged(&tried, sampler.log_importance(), settings);
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]).then(a.cmp(b)));
+    order.truncate(settings.kept);
+    order.retain(|i| weights[*i] > weights[order_first(&weights)] * 1e-4);
+    order.sort_unstable();
+    let kept: f64 = order.iter().map(|i| weights[*i]).sum();
+    let best = order_first(&weights);
+    let steps = counted(rounds, settings.skip) as f64;
+    let loss = -tried[best].rounds.iter().sum::<f64>() / steps;
+    let posterior = Posterior {
+        perception,
+        hypotheses: order
+            .iter()
+            .map(|i| Implants {
+                limits: perception.limits_of(sampler.point(*i)),
+                policy: tried[*i].policy.clone(),
+            })
+            .collect(),
+        weights: order.iter().map(|i| (weights[*i] / kept) as f32).collect(),
+        features,
+    };
     Ok(Learned {
-        implants,
-        losses,
-        frozen_moved: moved(model, &parameters),
+        posterior,
+        loss: loss as f32,
+        tried: tried.len(),
     })
 }
 
-/// Equation 5's loss over one shard of windows, averaged over windows and steps.
-pub fn negative_log_likelihood(
-    tape: &mut Tape,
-    model: &SelfModel,
-    attached: &Attached,
-    windows: &Windows,
-    settings: &Settings,
-) -> Var {
-    let steps = windows.visual.len();
-    let batch = windows.visual[0].cols();
-    let counted = steps - settings.warm_up.min(steps - 1);
-    let weights = tape.input_with(2, batch, |out| {
-        for pair in out.chunks_exact_mut(2) {
-            pair.copy_from_slice(&settings.weights);
+/// Steps that count, where the first `skip` of each round do not.
+fn counted(rounds: &Rounds, skip: usize) -> usize {
+    let own = |round: &Round| round.len().saturating_sub(skip);
+    rounds.rounds.iter().map(own).sum()
+}
+
+/// Steps of the longest round.
+fn longest(rounds: &Rounds) -> usize {
+    rounds.rounds.iter().map(Round::len).max().unwrap_or(0)
+}
+
+/// Place of the largest, the first among equals.
+fn order_first(weights: &[f64]) -> usize {
+    let mut best = 0;
+    for (i, weight) in weights.iter().enumerate() {
+        if *weight > weights[best] {
+            best = i;
+        }
+    }
+    best
+}
+
+/// φ: what z varied by in the rounds, had the person seen everything.
+fn features_of(model: &Arc<SelfModel>, rounds: &Rounds, settings: &ImplantSettings) -> Features {
+    let perception = model.layout.perception;
+    let everything = vec![perception.largest(); perception.controls()];
+    let followed = follow::follow(model, &[&everything], rounds, 1, settings.skip).remove(0);
+    let latent = model.sizes.latent;
+    let (center, directions) = principal(&followed.z, latent, settings.features.min(latent));
+    Features { center, directions }
+}
+
+/// Weighs hypotheses on as many threads as there are cores, in the order of `points`.
+fn weigh_all(
+    model: &Arc<SelfModel>,
+    points: &[Vec<f32>],
+    rounds: &Rounds,
+    features: &Features,
+    with_policy: bool,
+    settings: &ImplantSettings,
+) -> Vec<Weighed> {
+    let samples = match model.layout.perception.noise_rows() {
+        0 => 1,
+        _ => settings.samples,
+    };
+    // So many hypotheses are followed at once that the networks have a batch worth having.
+    let together = (64 / (rounds.rounds.len() * samples).max(1)).clamp(1, 16);
+    let chunks: Vec<&[Vec<f32>]> = points.chunks(together).collect();
+    let next = AtomicUsize::new(0);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut done: Vec<Vec<Weighed>> = chunks.iter().map(|_| Vec::new()).collect();
+    std::thread::scope(|scope| {
+        let work = || {
+            let mut own = Vec::new();
+            loop {
+                let at = next.fetch_add(1, Ordering::Relaxed);
+                let Some(chunk) = chunks.get(at) else {
+                    return own;
+                };
+                let controls: Vec<&[f32]> = chunk.iter().map(Vec::as_slice).collect();
+                let followed = follow::follow(model, &controls, rounds, samples, settings.skip);
+                let weighed = followed
+                    .iter()
+                    .map(|f| weigh(model, f, features, with_policy, settings));
+                own.push((at, weighed.collect::<Vec<_>>()));
+            }
+        };
+        let workers: Vec<_> = (0..threads.min(chunks.len()))
+            .map(|_| scope.spawn(work))
+            .collect();
+        for worker in workers {
+            match worker.join() {
+                Ok(own) => own.into_iter().for_each(|(at, weighed)| done[at] = weighed),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
         }
     });
-    let mut previous: Option<Var> = None;
-    let mut sum: Option<Var> = None;
-    let (nothing, unheard) = (Tensor::default(), Tensor::new(model.layout.verbal, batch));
-    for t in 0..steps {
-        let visual = &windows.visual[t];
-        let perception = model.layout.perception;
-        let seen = seen_on_tape(tape, attached, perception, visual, &nothing);
-        let observed = model.view.on_tape(tape, visual, &unheard, seen, 0);
-        let action = tape.input(&windows.previous[t]);
-        let (mean, deviation) = model.posterior(tape, previous.map(|z| (z, action)), observed);
-        let noise = tape.input(&windows.noise[t]);
-        let z = tape.gaussian_sample(mean, deviation, noise);
-        previous = Some(z);
-        if t < steps - counted {
-            continue;
-        }
-        let ActionOnTape::Gaussian {
-            mean,
-            deviation,
-            delta,
-        } = policy_on_tape(tape, model, attached, z)
-        else {
-            unreachable!("the highway's actions are numbers");
-        };
-        let taken = tape.input(&windows.action[t]);
-        let log_density = tape.gaussian_log_density_weighted(taken, mean, deviation, weights);
-        let mut term = tape.mean(log_density);
-        term = tape.neg(term);
-        if let Some(delta) = delta {
-            let squared = tape.square(delta);
-            let penalty = tape.mean(squared);
-            let penalty = tape.scale(penalty, settings.residual_penalty);
-            term = tape.add(term, penalty);
-        }
-        sum = Some(match sum {
-            None => term,
-            Some(sum) => tape.add(sum, term),
-        });
-    }
-    let sum = sum.expect("windows have at least one counted step");
-    tape.scale(sum, 1.0 / counted as f32)
+    done.into_iter().flatten().collect()
 }
 
-/// −λ log p(χ) of the thresholds, on the scale of the mean over `moments`:
-/// Σ_a (τ_a − τ_{a+1})² / 2 s², divided by their number.
-pub fn negative_log_prior(
-    tape: &mut Tape,
+fn weigh(
     model: &SelfModel,
-    attached: &Attached,
-    settings: &Settings,
-    moments: usize,
-) -> Var {
-    let limits = limits_on_tape(tape, attached, model.layout.perception);
-    let n = tape.shape(limits).0;
-    let (first, rest) = (tape.rows(limits, 0..1), tape.rows(limits, 1..n));
-    let next = tape.concat(&[rest, first]);
-    let difference = tape.sub(limits, next);
-    let squared = tape.square(difference);
-    let sum = tape.sum(squared);
-    let variance = settings.smoothness_m * settings.smoothness_m;
-    tape.scale(sum, 0.5 / (variance * moments.max(1) as f32))
+    followed: &Followed,
+    features: &Features,
+    with_policy: bool,
+    settings: &ImplantSettings,
+) -> Weighed {
+    match model.layout.actions {
+        ActionSpace::Discrete(_) => choices::weigh(followed, features, with_policy, settings),
+        ActionSpace::Continuous(_) => hands::weigh(followed, features, with_policy, settings),
+    }
 }
 
-/// Names of the self-model's parameters that differ in `parameters` by a single bit.
-fn moved(model: &SelfModel, parameters: &Parameters) -> Vec<String> {
-    let differs = |a: &Tensor, b: &Tensor| {
-        a.data()
-            .iter()
-            .zip(b.data())
-            .any(|(a, b)| a.to_bits() != b.to_bits())
-    };
-    model
-        .parameters
-        .iter()
-        .filter(|(id, _, tensor)| differs(tensor, parameters.get(*id)))
-        .map(|(_, name, _)| name.to_owned())
-        .collect()
+/// The bagged posterior over what was tried. `log_importance`: what each point stands for beyond its evidence.
+fn bagged(tried: &[Weighed], log_importance: &[f64], settings: &ImplantSettings) -> Vec<f64> {
+    let rounds = tried[0].rounds.len();
+    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+    rng.set_stream(1);
+    let mut sum = vec![0.0; tried.len()];
+    let mut counts = vec![0_u32; rounds];
+    let mut log = vec![0.0; tried.len()];
+    for _ in 0..settings.bags {
+        counts.fill(0);
+        for _ in 0..rounds {
+            counts[rng.random_range(0..rounds)] += 1;
+        }
+        for (log, (weighed, importance)) in log.iter_mut().zip(tried.iter().zip(log_importance)) {
+            let drawn = weighed.rounds.iter().zip(&counts);
+            let evidence: f64 = drawn.map(|(own, count)| own * f64::from(*count)).sum();
+            *log = evidence + weighed.occam + importance;
+        }
+        let most = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let whole: f64 = log.iter().map(|log| (log - most).exp()).sum();
+        for (sum, log) in sum.iter_mut().zip(&log) {
+            *sum += (log - most).exp() / whole / settings.bags as f64;
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// ImplantSettings under which little is believed beforehand.
+    pub(super) fn settings() -> ImplantSettings {
+        ImplantSettings {
+            points: 1,
+            rounds: 0,
+            samples: 1,
+            skip: 0,
+            features: 2,
+            log_gain: [-0.5, 1.0],
+            bias: 2.0,
+            residual: 1.0,
+            lapse: 0.03,
+            bags: 1,
+            kept: 1,
+            seed: 0,
+        }
+    }
 }

@@ -12,8 +12,8 @@ pub mod config;
 pub mod dqn;
 pub mod environment;
 pub mod implants;
-pub mod implants_discrete;
 pub mod irl;
+mod linear;
 pub mod people;
 mod record;
 pub mod replay;
@@ -21,6 +21,7 @@ pub mod rollout;
 pub mod rounds;
 pub mod sac;
 pub mod self_model;
+mod sighted;
 pub mod sqil;
 pub mod trajectory;
 

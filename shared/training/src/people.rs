@@ -3,15 +3,14 @@
 use crate::cloning::{self, CloningSettings, NothingToClone};
 use crate::config::Config;
 use crate::environment::{self, EnvironmentError};
-use crate::implants::{self, ImplantError};
-use crate::implants_discrete;
+use crate::implants::{self, ImplantError, ImplantSettings};
 use crate::rounds::{Round, Rounds};
 use crate::sqil::{self, Place, SqilSettings};
 use crate::trajectory::{Trajectory, hold_out};
 use domains::Layout;
 use domains::discrete::Setting;
 use models::{
-    HumanModel, Implants, Kind, PersonalPolicy, RecurrentSizes, SelfHuman, SelfModel, SizesError,
+    HumanModel, Kind, PersonalPolicy, Posterior, RecurrentSizes, SelfHuman, SelfModel, SizesError,
     View,
 };
 use nn::checkpoint::CheckpointError;
@@ -47,70 +46,6 @@ impl<'a> Demonstrations<'a> {
     }
 }
 
-/// How implants are learned.
-pub trait ImplantLearner {
-    /// Steps that a round of these needs to be learned from.
-    fn least_steps(&self, _rounds: &Rounds) -> usize {
-        1
-    }
-
-    /// The implants of a person, `mirror`'s or `mirror-p`'s, and how learning went, in words. `progress` hears of (done, at
-    /// most, a word).
-    ///
-    /// # Errors
-    /// If the rounds do not suffice.
-    fn learn(
-        &self,
-        model: &SelfModel,
-        kind: Kind,
-        rounds: &Rounds,
-        seed: u64,
-        progress: &dyn Fn(u64, u64, &str),
-    ) -> Result<(Implants, String), LearnError>;
-}
-
-impl ImplantLearner for implants::Settings {
-    fn least_steps(&self, rounds: &Rounds) -> usize {
-        self.least_steps(rounds)
-    }
-
-    fn learn(
-        &self,
-        model: &SelfModel,
-        kind: Kind,
-        rounds: &Rounds,
-        seed: u64,
-        progress: &dyn Fn(u64, u64, &str),
-    ) -> Result<(Implants, String), LearnError> {
-        let settings = Self { seed, ..*self };
-        let most = (settings.iterations * settings.starts_m.len()) as u64;
-        let learned = implants::learn(model, kind, rounds, &settings, |done, loss| {
-            progress(done as u64, most, &format!("loss {loss:.4}"));
-        })?;
-        let last = learned.losses.last().copied().unwrap_or(f32::NAN);
-        Ok((learned.implants, format!("last loss {last:.4}")))
-    }
-}
-
-impl ImplantLearner for implants_discrete::Settings {
-    fn learn(
-        &self,
-        model: &SelfModel,
-        kind: Kind,
-        rounds: &Rounds,
-        seed: u64,
-        progress: &dyn Fn(u64, u64, &str),
-    ) -> Result<(Implants, String), LearnError> {
-        let settings = Self { seed, ..*self };
-        let most = settings.all_iterations(model) as u64;
-        let with_policy = kind == Kind::Mirror;
-        let mut tell = |done, loss| progress(done as u64, most, &format!("loss {loss:.4}"));
-        let learned = implants_discrete::learn(model, with_policy, rounds, &settings, &mut tell)?;
-        let about = format!("last loss {:.4}", learned.loss);
-        Ok((learned.implants, about))
-    }
-}
-
 /// What was learned.
 #[derive(Clone, Debug)]
 #[expect(
@@ -125,8 +60,8 @@ pub enum Learned {
     },
     /// `mirror` and `mirror-p`.
     Implants {
-        /// The implants.
-        implants: Implants,
+        /// What is known of them.
+        posterior: Posterior,
         /// Utterances that the person hears without an assistant.
         heard: u32,
         /// How learning went, in words.
@@ -149,9 +84,6 @@ pub enum LearnError {
     /// The ideal model is the person's own.
     #[error("human model `ideal` is the simulated person's own and learns nothing")]
     Own,
-    /// There are no rounds.
-    #[error(transparent)]
-    Empty(#[from] implants_discrete::NothingToLearn),
     /// The rounds do not suffice for implants.
     #[error(transparent)]
     Implants(#[from] ImplantError),
@@ -184,11 +116,11 @@ pub enum LearnError {
 ///
 /// # Errors
 /// [`LearnError`].
-pub fn learn<I: ImplantLearner>(
+pub fn learn(
     kind: Kind,
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     demonstrations: &Demonstrations,
-    config: &Config<I>,
+    config: &Config,
     seed: u64,
     progress: &(dyn Fn(u64, u64, &str) + Sync),
 ) -> Result<Learned, LearnError> {
@@ -198,12 +130,21 @@ pub fn learn<I: ImplantLearner>(
         Kind::Myself => Ok(Learned::Nothing { heard }),
         Kind::Ideal => Err(LearnError::Own),
         Kind::Mirror | Kind::MirrorP => {
-            let learner = &config.implants;
-            let (implants, about) = learner.learn(model, kind, rounds, seed, progress)?;
+            let settings = ImplantSettings {
+                seed,
+                ..config.implants
+            };
+            let learned = implants::learn(model, kind, rounds, &settings, &mut |done, all| {
+                progress(done as u64, all as u64, "hypotheses");
+            })?;
+            let (kept, tried) = (learned.posterior.weights.len(), learned.tried);
             Ok(Learned::Implants {
-                implants,
+                posterior: learned.posterior,
                 heard,
-                about,
+                about: format!(
+                    "loss {:.4}; kept {kept} of {tried} hypotheses",
+                    learned.loss
+                ),
             })
         }
         Kind::Bc | Kind::Sqil => {
@@ -212,11 +153,11 @@ pub fn learn<I: ImplantLearner>(
     }
 }
 
-fn policy<I>(
+fn policy(
     kind: Kind,
     layout: &Layout,
     demonstrations: &Demonstrations,
-    config: &Config<I>,
+    config: &Config,
     seed: u64,
     progress: &(dyn Fn(u64, u64, &str) + Sync),
 ) -> Result<Learned, LearnError> {
@@ -393,10 +334,10 @@ impl Learned {
         match self {
             Self::Nothing { heard } => Box::new(SelfHuman::new(Arc::clone(model), None, *heard)),
             Self::Implants {
-                implants, heard, ..
+                posterior, heard, ..
             } => Box::new(SelfHuman::new(
                 Arc::clone(model),
-                Some(implants.clone()),
+                Some(posterior.clone()),
                 *heard,
             )),
             Self::Policy { kind, person, .. } => {
@@ -426,8 +367,8 @@ impl Learned {
         match self {
             Self::Nothing { .. } => Ok(()),
             Self::Implants {
-                implants, heard, ..
-            } => implants.save(path, model, *heard, command),
+                posterior, heard, ..
+            } => posterior.save(path, model, *heard, command),
             Self::Policy {
                 kind,
                 person,

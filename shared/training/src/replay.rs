@@ -1,6 +1,6 @@
 //! The replay buffer: whole rounds, the oldest forgotten first, from which sequences within one round are drawn.
 
-use domains::{ActionSpace, Layout};
+use domains::{ActionSpace, Layout, Mask};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
@@ -18,6 +18,11 @@ pub struct Episode {
     pub reward: Vec<f32>,
     /// What the expert would do at each observation, whoever acted; zeros where that is nothing.
     pub expert: Vec<f32>,
+    /// What an expert would do who sees no more than whoever acted; zeros where there is none.
+    pub peer: Vec<f32>,
+    /// What whoever acted perceived of each observation. A model that perceives less than that must not learn from what they did:
+    /// the action would tell it what it cannot know.
+    pub perceived: Vec<Mask>,
     /// Whether the last state has no future (and not merely no more time).
     pub terminal: bool,
 }
@@ -38,6 +43,7 @@ impl Episode {
         for numbers in self.numbers_mut() {
             numbers.clear();
         }
+        self.perceived.clear();
         self.terminal = false;
     }
 
@@ -61,26 +67,33 @@ impl Episode {
         self.part(&self.expert, t)
     }
 
+    /// What an expert would do at observation `t` who sees no more than whoever acted.
+    pub fn peer(&self, t: usize) -> &[f32] {
+        self.part(&self.peer, t)
+    }
+
     fn part<'a>(&self, numbers: &'a [f32], t: usize) -> &'a [f32] {
         let width = numbers.len() / self.len().max(1);
         &numbers[t * width..(t + 1) * width]
     }
 
-    fn numbers(&self) -> [&Vec<f32>; 5] {
+    fn numbers(&self) -> [&Vec<f32>; 6] {
         [
             &self.reward,
             &self.action,
             &self.expert,
+            &self.peer,
             &self.visual,
             &self.verbal,
         ]
     }
 
-    fn numbers_mut(&mut self) -> [&mut Vec<f32>; 5] {
+    fn numbers_mut(&mut self) -> [&mut Vec<f32>; 6] {
         [
             &mut self.reward,
             &mut self.action,
             &mut self.expert,
+            &mut self.peer,
             &mut self.visual,
             &mut self.verbal,
         ]
@@ -96,7 +109,7 @@ pub struct Replay {
     capacity: usize,
     held: usize,
     /// Numbers of an observation, in the order of [`Episode::numbers`].
-    widths: [usize; 5],
+    widths: [usize; 6],
     actions: ActionSpace,
 }
 
@@ -109,7 +122,7 @@ impl Replay {
             before: Vec::new(),
             capacity,
             held: 0,
-            widths: [1, actions, actions, layout.visual, layout.verbal],
+            widths: [1, actions, actions, actions, layout.visual, layout.verbal],
             actions: layout.actions,
         }
     }
@@ -160,8 +173,8 @@ impl Replay {
         })
     }
 
-    /// Everything as bytes, little-endian: per round its length, whether it is terminal, rewards, actions, the expert's actions,
-    /// observations.
+    /// Everything as bytes, little-endian: per round its length, whether it is terminal, rewards, actions, the experts' actions,
+    /// observations, what was perceived of each.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Vec::with_capacity(4 * self.held * self.widths.iter().sum::<usize>());
         for episode in &self.episodes {
@@ -169,6 +182,10 @@ impl Replay {
             out.push(u8::from(episode.terminal));
             for x in episode.numbers().into_iter().flatten() {
                 out.extend_from_slice(&x.to_le_bytes());
+            }
+            for mask in &episode.perceived {
+                out.extend_from_slice(&mask.visual.to_le_bytes());
+                out.extend_from_slice(&mask.verbal.to_le_bytes());
             }
         }
         out
@@ -198,6 +215,8 @@ impl Replay {
                 let (read, _) = take(4 * length * width)?.as_chunks::<4>();
                 numbers.extend(read.iter().map(|n| f32::from_le_bytes(*n)));
             }
+            let (masks, _) = take(MASK_BYTES * length)?.as_chunks::<MASK_BYTES>();
+            episode.perceived.extend(masks.iter().map(mask));
             if !is_possible(&episode, self.actions) {
                 return None;
             }
@@ -206,6 +225,17 @@ impl Replay {
         }
         self.count();
         rest.is_empty().then_some(())
+    }
+}
+
+/// Bytes of a mask in a checkpoint.
+const MASK_BYTES: usize = 12;
+
+fn mask(bytes: &[u8; MASK_BYTES]) -> Mask {
+    let [a, b, c, d, e, f, g, h, i, j, k, l] = *bytes;
+    Mask {
+        visual: u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        verbal: u32::from_le_bytes([i, j, k, l]),
     }
 }
 
@@ -241,7 +271,9 @@ mod tests {
             action: numbers(2),
             reward: numbers(1),
             expert: numbers(2),
-            terminal: length % 2 == 0,
+            peer: numbers(2),
+            perceived: vec![layout.sensed; length],
+            terminal: length.is_multiple_of(2),
         }
     }
 

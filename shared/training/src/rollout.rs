@@ -1,9 +1,9 @@
 //! Rounds for learning the self-model, and for measuring what was learned: what the robot lives through, with what the expert
 //! would do beside it.
 
-use crate::batches::limits_m;
 use crate::environment::Environment;
 use crate::replay::Episode;
+use crate::sighted::Sighted;
 use domains::discrete::End;
 use domains::highway::modalities;
 use domains::{ActionSpace, Layout, Mask, bomb_defusal};
@@ -22,11 +22,13 @@ pub enum Actor {
         /// Probability, in a gridworld, of doing anything at all instead.
         slips: f32,
     },
+    /// An expert who sees only so far, drawn for the round, and may be late; where there is one ([`Environment::has_peer`]).
+    Peer,
     /// The policy, sampled on the highway and greedy in a gridworld, with this probability of a random action instead.
     Policy {
         /// ε.
         explore: f32,
-        /// Whether it sees only as a person with limits drawn for the round would, and hears nothing.
+        /// Whether it perceives only as much as a person drawn for the round would.
         limited: bool,
     },
     /// The policy's mode.
@@ -49,16 +51,19 @@ pub struct Rollout {
     environment: Box<dyn Environment>,
     layout: Arc<Layout>,
     policy: PolicyActor,
+    sighted: Sighted,
+    /// The newest actions of a peer, and by how many steps this round's is late.
+    before: [Vec<f32>; LATEST + 1],
+    late: usize,
     /// The highway's expert is pushed aside: for so many steps more, and how hard.
     push: (u32, f32),
     expert: Vec<f32>,
+    peer: Vec<f32>,
     episode: Episode,
 }
 
 /// The policy, and what it perceives and believes.
 struct PolicyActor {
-    limits: Vec<f32>,
-    chance: Vec<f32>,
     filter: Filter,
     observed: Tensor,
     /// a_{t−1}.
@@ -73,16 +78,16 @@ struct PolicyActor {
 const PUSH_PROBABILITY: f32 = 0.04;
 const PUSH_STEPS: u32 = 4;
 const PUSH: f32 = 0.6;
+/// The latest reaction of a peer, in steps.
+const LATEST: usize = 5;
 
 impl Rollout {
     /// A rollout in `environment`.
     pub fn new(environment: Box<dyn Environment>, model: &SelfModel) -> Self {
         let layout = Arc::clone(environment.layout());
-        let (perception, actions) = (layout.perception, layout.actions.rows());
+        let actions = layout.actions.rows();
         Self {
             policy: PolicyActor {
-                limits: vec![0.0; perception.limits()],
-                chance: vec![0.0; perception.noise_rows()],
                 filter: Filter::new(model.sizes.latent, 1),
                 observed: Tensor::new(model.view.rows(), 1),
                 previous: Tensor::new(actions, 1),
@@ -91,12 +96,21 @@ impl Rollout {
                 q: Tensor::default(),
                 scratch: Scratch::default(),
             },
+            sighted: Sighted::new(&layout),
+            before: core::array::from_fn(|_| vec![0.0; actions]),
+            late: 0,
             push: (0, 0.0),
             expert: vec![0.0; actions],
+            peer: vec![0.0; actions],
             episode: Episode::default(),
             environment,
             layout,
         }
+    }
+
+    /// Whether [`Actor::Peer`] can act.
+    pub fn has_peer(&self) -> bool {
+        self.environment.has_peer()
     }
 
     /// Lives round `episode` of `seed` and gives it back. Scenarios take turns.
@@ -124,14 +138,19 @@ impl Rollout {
             self.episode.reward.push(reward);
             self.environment.expert(&mut self.expert);
             self.episode.expert.extend_from_slice(&self.expert);
+            self.environment.peer(&self.sighted.limits, &mut self.peer);
+            self.episode.peer.extend_from_slice(&self.peer);
+            let visual_now = &self.episode.visual[seen..];
+            let perceived = self.sighted.perceive(visual_now, &mut rng);
+            self.episode.perceived.push(perceived);
             lived.end = self.environment.end();
             if !lived.end.is_running() {
                 break;
             }
             let at = [seen, said];
             let action = match self.layout.actions {
-                ActionSpace::Continuous(_) => self.drive(model, actor, at, &mut rng),
-                ActionSpace::Discrete(n) => self.play(model, actor, at, n, &mut rng),
+                ActionSpace::Continuous(_) => self.drive(model, actor, at, perceived, &mut rng),
+                ActionSpace::Discrete(n) => self.play(model, actor, at, perceived, n, &mut rng),
             };
             self.policy.previous.data_mut().copy_from_slice(&action);
             reward = self.environment.step(&action);
@@ -149,21 +168,20 @@ impl Rollout {
         self.policy.previous.fill(0.0);
         self.episode.clear();
         self.push = (0, 0.0);
-        let limited = matches!(actor, Actor::Policy { limited: true, .. });
-        let limits = &mut self.policy.limits;
-        if self.layout.domain == modalities::NAME {
-            let seed = seed ^ (u64::from(episode) << 32) ^ 0x726f_6c6c;
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            limits.fill(f32::INFINITY);
-            if limited {
-                limits.copy_from_slice(&limits_m(&mut rng));
+        let limited = matches!(actor, Actor::Peer | Actor::Policy { limited: true, .. });
+        let mut rng = match self.layout.domain == modalities::NAME {
+            true => ChaCha8Rng::seed_from_u64(seed ^ (u64::from(episode) << 32) ^ 0x726f_6c6c),
+            false => {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                rng.set_stream((1 << 40) + u64::from(episode));
+                rng
             }
-            return rng;
-        }
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream((1 << 40) + u64::from(episode));
-        let share: f32 = rng.random_range(0.0..1.0);
-        limits.fill(share * self.layout.perception.largest());
+        };
+        self.sighted.draw(limited, &mut rng);
+        // Every other peer is late.
+        let late = rng.random_range(0..2 * LATEST + 2);
+        self.late = late.saturating_sub(LATEST + 1);
+        self.before.iter_mut().for_each(|action| action.fill(0.0));
         rng
     }
 
@@ -173,10 +191,17 @@ impl Rollout {
         model: &SelfModel,
         actor: Actor,
         [seen, said]: [usize; 2],
+        perceived: Mask,
         rng: &mut ChaCha8Rng,
     ) -> Vec<f32> {
         match actor {
-            Actor::Expert { .. } => {
+            Actor::Expert { .. } | Actor::Peer => {
+                self.before.rotate_right(1);
+                self.before[0].copy_from_slice(&self.peer);
+                let meant = match actor {
+                    Actor::Peer => &self.before[self.late],
+                    _ => &self.expert,
+                };
                 // Pushed aside now and then, so that the way back is learned too.
                 if rng.random::<f32>() < PUSH_PROBABILITY {
                     self.push = (PUSH_STEPS, rng.random_range(-PUSH..PUSH));
@@ -184,7 +209,7 @@ impl Rollout {
                 let aside = if self.push.0 > 0 { self.push.1 } else { 0.0 };
                 self.push.0 = self.push.0.saturating_sub(1);
                 let noise = 0.2 * (rng.random::<f32>() - 0.5);
-                let (throttle, steer) = (self.expert[0] + noise, self.expert[1] + aside);
+                let (throttle, steer) = (meant[0] + noise, meant[1] + aside);
                 return [throttle, steer].map(|x| x.clamp(-1.0, 1.0)).to_vec();
             }
             Actor::Policy { explore, .. } if rng.random::<f32>() < explore => {
@@ -192,12 +217,13 @@ impl Rollout {
             }
             Actor::Policy { .. } | Actor::Mode => {}
         }
-        let (policy, visual) = (&mut self.policy, &self.episode.visual[seen..]);
-        let mask = Mask {
-            visual: self.layout.perception.seen(&policy.limits, visual, None),
-            verbal: 0,
-        };
-        policy.believe(model, visual, &self.episode.verbal[said..], mask);
+        let (policy, episode) = (&mut self.policy, &self.episode);
+        policy.believe(
+            model,
+            &episode.visual[seen..],
+            &episode.verbal[said..],
+            perceived,
+        );
         let z = &policy.filter.mean;
         model.act(&mut policy.scratch, z, &mut policy.distribution);
         let sampled = (actor != Actor::Mode).then(|| {
@@ -215,29 +241,25 @@ impl Rollout {
         model: &SelfModel,
         actor: Actor,
         [seen, said]: [usize; 2],
+        perceived: Mask,
         n: usize,
         rng: &mut ChaCha8Rng,
     ) -> Vec<f32> {
-        let (explore, limited) = match actor {
+        let explore = match actor {
             Actor::Expert { slips } if slips > 0.0 && rng.random::<f32>() < slips => {
                 return chosen(rng.random_range(0..n), n);
             }
-            Actor::Expert { .. } => return self.expert.clone(),
-            Actor::Policy { explore, limited } => (explore, limited),
-            Actor::Mode => (0.0, false),
+            Actor::Expert { .. } | Actor::Peer => return self.expert.clone(),
+            Actor::Policy { explore, .. } => explore,
+            Actor::Mode => 0.0,
         };
-        let (policy, visual) = (&mut self.policy, &self.episode.visual[seen..]);
-        let mask = if limited {
-            noise::fill(&mut policy.chance, rng.random(), 0);
-            let chance = (!policy.chance.is_empty()).then_some(&policy.chance[..]);
-            Mask {
-                visual: self.layout.perception.seen(&policy.limits, visual, chance),
-                verbal: 0,
-            }
-        } else {
-            self.layout.everything()
-        };
-        policy.believe(model, visual, &self.episode.verbal[said..], mask);
+        let (policy, episode) = (&mut self.policy, &self.episode);
+        policy.believe(
+            model,
+            &episode.visual[seen..],
+            &episode.verbal[said..],
+            perceived,
+        );
         model.q_values(&mut policy.scratch, &policy.filter.mean, &mut policy.q);
         if rng.random::<f32>() < explore {
             return chosen(rng.random_range(0..n), n);

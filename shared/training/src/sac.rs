@@ -1,10 +1,11 @@
 //! Soft actor-critic on the self-model's latent states (paper §III-A "Policy learning", after SLAC), with a decaying
-//! share of imitation of an expert that sees everything.
+//! share of imitation of an expert that sees as much as the policy does: imitating one who sees more would teach the policy to act on
+//! what it cannot know (the imitation gap; Weihs et al. 2021).
 //!
 //! ```text
 //! y      = r_{t+1} + γ (1 − end) (min_i Q'_i(z_{t+1}, a') − α log π(a' | z_{t+1})),   a' ~ π(· | z_{t+1})
 //! L_Q    = ½ Σ_i (Q_i(z_t, a_t) − y)²
-//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) + β |μ(z_t) − u_expert|² / 2 s²,   a = tanh(u) ~ π
+//! L_π    = (1 − β) (α log π(a | z_t) − min_i Q_i(z_t, a)) + β [an expert sees as much] |μ(z_t) − u_expert|² / 2 s²,   a = tanh(u) ~ π
 //! L_α    = −α (log π(a | z_t) + target)
 //! Q'_i  ← (1 − τ) Q'_i + τ Q_i
 //! ```
@@ -137,6 +138,8 @@ impl Sac {
             losses.divergence = tape.scalar(elbo.divergence);
             transitions.collect(tape.value(elbo.z), shard);
             let total = lighter(&mut tape, &elbo, schedule.divergence);
+            let (total, foresight) = foreseeing(&mut tape, model, shard, &elbo, schedule, total);
+            losses.foresight = foresight;
             tape.backward(total, gradients, &|id| world.contains(&id));
         }
         targets.compute(
@@ -186,6 +189,23 @@ pub(crate) fn lighter(tape: &mut Tape, elbo: &ElboTerms, divergence: f32) -> Var
     tape.add(elbo.loss, less)
 }
 
+/// Adds the loss of foresight ([`SelfModel::foresight`]) from a sixth into the sequences, unless it has no weight; and its value.
+pub(crate) fn foreseeing(
+    tape: &mut Tape,
+    model: &SelfModel,
+    shard: &Shard,
+    elbo: &ElboTerms,
+    schedule: Schedule,
+    total: Var,
+) -> (Var, f32) {
+    if schedule.foresight == 0.0 {
+        return (total, 0.0);
+    }
+    let foresight = model.foresight(tape, &shard.batch, elbo.z, shard.batch.steps / 6);
+    let weighted = tape.scale(foresight, schedule.foresight);
+    (tape.add(total, weighted), tape.scalar(foresight))
+}
+
 /// One shard's transitions in latent space; all `rows × batch`.
 #[derive(Clone, Debug)]
 pub struct Transitions {
@@ -193,8 +213,10 @@ pub struct Transitions {
     pub z: Tensor,
     /// a_t.
     pub action: Tensor,
-    /// The expert's a_t.
+    /// The a_t of an expert who sees as much.
     pub expert: Tensor,
+    /// 1 where there is one.
+    pub imitated: Tensor,
     /// r_{t+1}.
     pub reward: Tensor,
     /// 1 where t + 1 has no future.
@@ -214,6 +236,7 @@ impl Transitions {
             z: Tensor::new(latent, batch),
             action: Tensor::new(actions, batch),
             expert: Tensor::new(actions, batch),
+            imitated: Tensor::from_slice(1, batch, &vec![1.0; batch]),
             reward: Tensor::new(1, batch),
             terminal: Tensor::new(1, batch),
             next: Tensor::new(latent, batch),
@@ -240,6 +263,7 @@ impl Transitions {
         later(&mut self.action, batch.action.data());
         later(&mut self.reward, batch.reward.data());
         earlier(&mut self.expert, shard.expert.data());
+        earlier(&mut self.imitated, shard.imitated.data());
         later(&mut self.terminal, shard.terminal.data());
     }
 }
@@ -474,6 +498,8 @@ pub fn actor_loss(
     let difference = tape.sub(mean, expert);
     let squared = tape.square(difference);
     let squared = tape.sum_rows(squared);
+    let counts = tape.input(&shard.imitated);
+    let squared = tape.mul(squared, counts);
     let squared = tape.mean(squared);
     let imitated = tape.scale(squared, imitation);
     let mean_log_density = tape.mean(log_density);

@@ -2,7 +2,7 @@
 //! and appendix): soft actor-critic where actions are numbers ([`crate::sac`]), deep Q-learning where they are choices
 //! ([`crate::dqn`]).
 //!
-//! A phase lives some rounds, each by the expert with probability β, else by the policy, half of which sees as people do, and
+//! A phase lives some rounds, each by the expert with probability β, else by the policy, most of which see as people do, and
 //! then makes gradient steps. Randomness is drawn anew from (seed, phase), and a checkpoint ([`crate::checkpoint`]) holds
 //! weights, optimiser, targets and replay: stopping and resuming gives the same bytes as not stopping.
 
@@ -54,6 +54,8 @@ pub struct SelfModelSettings {
     pub explore_decay: f32,
     /// Probability that dropout keeps a value.
     pub keep: f32,
+    /// Weight of foresight ([`SelfModel::foresight`]) against the ELBO.
+    pub foresight: f32,
     /// Share of the phases, the first ones, over which the weight of the ELBO's divergence grows from 0 to 1.
     pub warming: f32,
     /// Share of the phases, the last ones, over which the learning rate falls to nothing.
@@ -127,6 +129,9 @@ impl Checked for SelfModelSettings {
             let names = "expert, explore, their decays, keep, warming and cooling";
             return Some(format!("{names} must lie in [0, 1]"));
         }
+        if !(self.foresight.is_finite() && self.foresight >= 0.0) {
+            return Some("foresight must not be negative".to_owned());
+        }
         match (&self.sac, &self.dqn) {
             (Some(sac), None) => sac.problem(),
             (None, Some(dqn)) => dqn.problem(),
@@ -148,7 +153,7 @@ pub struct Metrics {
     pub expert_reward: Option<f32>,
     /// Mean reward of the policy's rounds with full sight.
     pub policy_reward: Option<f32>,
-    /// Mean reward of the policy's rounds with limited sight.
+    /// Mean reward of rounds with limited sight.
     pub limited_reward: Option<f32>,
     /// What was minimised.
     #[serde(flatten)]
@@ -172,6 +177,8 @@ pub struct Losses {
     pub reward: f32,
     /// KL(q ‖ p).
     pub divergence: f32,
+    /// L_f.
+    pub foresight: f32,
     /// L_Q.
     pub value: f32,
     /// L_π of soft actor-critic; L_m of deep Q-learning.
@@ -188,6 +195,7 @@ impl Losses {
         self.reconstruction += share * other.reconstruction;
         self.reward += share * other.reward;
         self.divergence += share * other.divergence;
+        self.foresight += share * other.foresight;
         self.value += share * other.value;
         self.policy += share * other.policy;
         self.log_density += share * other.log_density;
@@ -195,6 +203,7 @@ impl Losses {
 }
 
 /// How policy and values are learned.
+#[expect(clippy::large_enum_variant, reason = "there is one")]
 pub(crate) enum Learner {
     Sac(Sac),
     Dqn(Dqn),
@@ -205,9 +214,14 @@ pub(crate) enum Learner {
 pub(crate) struct Schedule {
     /// Weight of the ELBO's divergence.
     pub divergence: f32,
+    /// Weight of foresight.
+    pub foresight: f32,
     /// β.
     pub expert: f32,
 }
+
+/// Share of the rounds that are lived with limited sight, where whoever acts can be.
+const LIMITED: f32 = 0.7;
 
 /// One shard's memory.
 pub(crate) struct Worker {
@@ -216,6 +230,7 @@ pub(crate) struct Worker {
     scratch: LearnerScratch,
 }
 
+#[expect(clippy::large_enum_variant, reason = "there is one for each shard")]
 enum LearnerScratch {
     Sac(SacScratch),
     Dqn(DqnScratch),
@@ -382,9 +397,9 @@ impl Trainer {
         let (mut steps, mut collisions) = (0, 0);
         for round in 0..settings.rounds {
             let by_expert = rng.random::<f32>() < expert;
-            // Which side of the coin is which decides what is learned from a seed, and no more.
-            let limited = !by_expert && rng.random::<bool>() == settings.sac.is_some();
+            let limited = rng.random::<f32>() < LIMITED && (!by_expert || self.rollout.has_peer());
             let actor = match by_expert {
+                true if limited => Actor::Peer,
                 true => Actor::Expert { slips },
                 false => Actor::Policy {
                     explore: explore.max(slips),
@@ -397,9 +412,9 @@ impl Trainer {
                 .episode(&self.model, actor, settings.seed, number);
             self.replay.push(episode.clone());
             let who = match (by_expert, limited) {
-                (true, _) => 0,
+                (true, false) => 0,
                 (false, false) => 1,
-                (false, true) => 2,
+                (_, true) => 2,
             };
             rewards[who].0 += lived.reward;
             rewards[who].1 += 1;
@@ -410,6 +425,7 @@ impl Trainer {
         self.adam.learning_rate = settings.rate_at(self.phase);
         let schedule = Schedule {
             divergence: settings.divergence_at(self.phase),
+            foresight: settings.foresight,
             expert,
         };
         for _ in 0..settings.gradient_steps {

@@ -1,15 +1,13 @@
-//! The gridworlds' learning: stopping and resuming gives the same bytes as not stopping, implants move nothing else, the
-//! loss of shared rounds has the gradient of its slope, policies learn more than chance, and files give back what was saved.
+//! The gridworlds' learning: stopping and resuming gives the same bytes as not stopping, implants move nothing else,
+//! policies learn more than chance, and files give back what was saved.
 
 use domains::discrete::{Discrete, Domain, Mind, Scene, Setting, SimulatedPerson, Words, World};
-use models::{Implants, RecurrentSizes, SelfModel, Sizes};
+use models::{Kind, RecurrentSizes};
 use nn::Parameters;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use training::cloning::{self, CloningSettings};
 use training::environment::{Environment, Gridworld};
-use training::implants_discrete as implants;
+use training::implants::{self, ImplantError, ImplantSettings};
 use training::rounds::Rounds;
 use training::self_model::{SelfModelSettings, Trainer};
 use training::sqil::{self, Place, SqilSettings};
@@ -127,35 +125,24 @@ fn the_same_seed_gives_the_same_bytes_stopped_or_not() {
 #[test]
 fn learning_implants_moves_nothing_else() {
     for domain in Domain::ALL {
-        let model = trainer(domain).model;
+        let model = Arc::new(trainer(domain).model);
         let before = bits(&model.parameters);
         let (rounds, _) = rounds(domain, Setting::Transfer, 4);
-        for with_policy in [true, false] {
-            let settings = implants::Settings {
-                iterations: 5,
-                ..implants::Settings::default()
+        for kind in [Kind::Mirror, Kind::MirrorP] {
+            let settings = ImplantSettings {
+                points: 4,
+                samples: 4,
+                ..ImplantSettings::of(domain.name())
             };
-            let learned =
-                implants::learn(&model, with_policy, &rounds, &settings, &mut |_, _| {}).unwrap();
-            assert!(
-                learned.frozen_moved.is_empty(),
-                "{:?}",
-                learned.frozen_moved
-            );
+            let learn = || implants::learn(&model, kind, &rounds, &settings, &mut |_, _| {});
+            let learned = learn().unwrap().posterior;
             assert_eq!(bits(&model.parameters), before);
-            let fresh = Implants::new(
-                &model,
-                with_policy,
-                &mut <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(0),
-            );
-            assert_ne!(bits(&learned.implants.parameters), bits(&fresh.parameters));
+            assert_eq!(learned.has_policy(), kind == Kind::Mirror);
+            assert!((learned.weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
             // The same again, byte for byte.
-            let again =
-                implants::learn(&model, with_policy, &rounds, &settings, &mut |_, _| {}).unwrap();
-            assert_eq!(
-                bits(&learned.implants.parameters),
-                bits(&again.implants.parameters)
-            );
+            let again = learn().unwrap().posterior;
+            assert_eq!(learned.hypotheses, again.hypotheses);
+            assert_eq!(learned.weights, again.weights);
         }
     }
 }
@@ -243,81 +230,14 @@ fn policies_learned_from_rounds_know_more_than_chance() {
 
 #[test]
 fn nothing_is_learned_from_nothing() {
-    let model: SelfModel = trainer(Domain::Driving).model;
+    let model = Arc::new(trainer(Domain::Driving).model);
     let empty = Rounds::new(&model.layout, Setting::Original, 0);
-    let learned = implants::learn(
-        &model,
-        true,
-        &empty,
-        &implants::Settings::default(),
-        &mut |_, _| {},
-    );
-    assert_eq!(learned.err(), Some(implants::NothingToLearn));
-}
-
-/// The importance-weighted loss's gradient is its slope, though its weights are written as constants; and with one person a round
-/// it is the plain mean of log-likelihoods.
-#[test]
-fn the_gradient_of_a_shared_round_is_its_slope() {
-    let domain = Domain::BombDefusal;
-    let (lived, _) = rounds(domain, Setting::Transfer, 3);
-    let layout = Arc::new(world(domain, Setting::Transfer).layout().clone());
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let model = SelfModel::new(Sizes::of(&layout), layout, &mut rng);
-    let mut own = Implants::new(&model, true, &mut rng);
-    let ids: Vec<_> = own.parameters.ids().collect();
-    for (i, id) in ids.into_iter().enumerate() {
-        let weights = own.parameters.get_mut(id).data_mut();
-        nn::noise::fill(weights, 5, i as u64);
-        weights.iter_mut().for_each(|w| *w *= 0.3);
-    }
-    let mut parameters = model.parameters.clone();
-    let attached = own.attach(&mut parameters);
-    let losses = [1, 4].map(|sharing| {
-        let settings = implants::Settings {
-            sharing,
-            least_columns: 3,
-            ..implants::Settings::default()
-        };
-        let mut shards = implants::follow(&model, &lived, &settings);
-        let shard = &mut shards[0];
-        nn::noise::fill(shard.noise.data_mut(), 7, 0);
-        nn::noise::fill(shard.chance.data_mut(), 7, 1);
-        let mut arena = nn::Arena::new();
-        let mut gradients = nn::Gradients::for_params(&parameters);
-        let mut loss = |parameters: &Parameters, gradients: Option<&mut nn::Gradients>| {
-            let mut tape = nn::Tape::new(parameters, &mut arena);
-            let loss =
-                implants::negative_log_posterior(&mut tape, &model, &attached, shard, &settings);
-            let plain = {
-                let nll = implants::negative_log_likelihood(&mut tape, &model, &attached, shard);
-                tape.scalar(nll)
-            };
-            if let Some(gradients) = gradients {
-                tape.backward(loss, gradients, &|id| attached.ids().contains(&id));
-            }
-            (tape.scalar(loss), plain)
-        };
-        let (_, bound) = loss(&parameters, Some(&mut gradients));
-        for &id in attached.policy_ids() {
-            let step = 1e-2;
-            for place in [0, parameters.get(id).data().len() - 1] {
-                let mut at = |by: f32| {
-                    let mut moved = parameters.clone();
-                    moved.get_mut(id).data_mut()[place] += by;
-                    f64::from(loss(&moved, None).0)
-                };
-                let slope = (at(step) - at(-step)) / f64::from(2.0 * step);
-                let found = f64::from(gradients.get(id).data()[place]);
-                assert!(
-                    (slope - found).abs() < 2e-3 + 2e-2 * slope.abs(),
-                    "{sharing} people, {}[{place}]: slope {slope}, gradient {found}",
-                    parameters.name(id)
-                );
-            }
-        }
-        bound
-    });
-    // −log of a mean lies below the mean of −logs.
-    assert!(losses[1] < losses[0], "{losses:?}");
+    let settings = ImplantSettings::of("driving");
+    let learned = implants::learn(&model, Kind::Mirror, &empty, &settings, &mut |_, _| {});
+    let nothing = ImplantError::NothingToLearn {
+        rounds: 0,
+        longest: 0,
+        skip: 0,
+    };
+    assert_eq!(learned.err(), Some(nothing));
 }

@@ -1,16 +1,14 @@
-//! A whole ELBO step and a whole implant step against PyTorch's autograd, on identical weights and inputs. The fixtures
+//! A whole ELBO step against PyTorch's autograd, on identical weights and inputs. The fixtures
 //! and the script that makes them are in `tools/` (`make_fixtures.py`).
 
 use domains::highway::modalities::layout;
-use models::policy::unsquash;
 use models::self_model::Batch;
-use models::{Implants, SelfModel, Sizes};
+use models::{SelfModel, Sizes};
 use nn::checkpoint::{self, Checkpoint};
 use nn::{Arena, Gradients, Parameters, Tape, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
-use training::implants::{Settings, Windows, negative_log_likelihood};
 
 fn fixture(name: &str) -> Checkpoint {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/fixtures");
@@ -123,52 +121,4 @@ fn a_whole_elbo_step_agrees_with_pytorch() {
     }
     tape.backward(terms.loss, &mut gradients, &|_| true);
     assert_gradients(&file, &model.parameters, &gradients);
-}
-
-#[test]
-fn a_whole_implant_step_agrees_with_pytorch() {
-    let file = fixture("implant_step");
-    let model = model_of(&file);
-    let mut implants = Implants::new(&model, true, &mut ChaCha8Rng::seed_from_u64(0));
-    let ids: Vec<_> = implants.parameters.ids().collect();
-    for id in ids {
-        let name = in_fixture(implants.parameters.name(id)).to_owned();
-        let weight = file.tensor(&format!("weight.{name}")).unwrap();
-        let own = implants.parameters.get_mut(id);
-        assert_eq!(
-            (weight.rows(), weight.cols()),
-            (own.rows(), own.cols()),
-            "{name}"
-        );
-        own.copy_from(&weight);
-    }
-    let mut parameters = model.parameters.clone();
-    let attached = implants.attach(&mut parameters);
-    let steps = 0..number(&file, "steps");
-    let windows = Windows {
-        visual: steps.clone().map(|t| input(&file, t, "visual")).collect(),
-        action: steps
-            .clone()
-            .map(|t| {
-                let mut action = input(&file, t, "action");
-                for a in action.data_mut() {
-                    *a = unsquash(*a);
-                }
-                action
-            })
-            .collect(),
-        previous: steps.clone().map(|t| input(&file, t, "previous")).collect(),
-        noise: steps.map(|t| input(&file, t, "noise")).collect(),
-    };
-    let settings = Settings {
-        warm_up: number(&file, "warm_up"),
-        ..Settings::default()
-    };
-    let mut arena = Arena::default();
-    let mut gradients = Gradients::for_params(&parameters);
-    let mut tape = Tape::new(&parameters, &mut arena);
-    let loss = negative_log_likelihood(&mut tape, &model, &attached, &windows, &settings);
-    assert_term(&file, "loss", tape.value(loss)[0]);
-    tape.backward(loss, &mut gradients, &|id| attached.ids().contains(&id));
-    assert_gradients(&file, &parameters, &gradients);
 }

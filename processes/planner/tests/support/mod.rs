@@ -6,7 +6,7 @@ use messages::{
     CommAction, Display, DriverAction, HumanBelief, LidarFrame, Message, ProcessState, Report,
     RobotBelief, topic,
 };
-use models::{Implants, SelfHuman, SelfModel, Sizes};
+use models::{Posterior, SelfHuman, SelfModel, Sizes};
 use planner::{PlannerMethod, PlannerOptions};
 use planning::{RaceSettings, Settings};
 use rand::{RngExt, SeedableRng};
@@ -29,10 +29,9 @@ pub fn self_model() -> SelfModel {
 
 /// A human model with implants that hide half of what is there.
 pub fn human() -> SelfHuman {
-    let mut rng = ChaCha8Rng::seed_from_u64(5);
     let model = self_model();
-    let implants = Implants::new(&model, true, &mut rng);
-    SelfHuman::new(Arc::new(model), Some(implants), 0)
+    let posterior = Posterior::neutral(&model, true);
+    SelfHuman::new(Arc::new(model), Some(posterior), 0)
 }
 
 /// A small planner whose costs leave room for decisions either way.

@@ -20,10 +20,6 @@ impl Perception for ChanceOfNoticing {
         1.0
     }
 
-    fn width(&self) -> f32 {
-        0.1
-    }
-
     fn noise_rows(&self) -> usize {
         2 * TERMINALS
     }

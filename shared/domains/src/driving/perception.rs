@@ -18,16 +18,16 @@ impl Perception for CellsToCars {
     }
 
     /// Ahead and behind.
-    fn group(&self, limit: usize) -> usize {
-        limit / 2
+    fn controls(&self) -> usize {
+        2
+    }
+
+    fn limits_of(&self, controls: &[f32]) -> Vec<f32> {
+        vec![controls[0], controls[0], controls[1], controls[1]]
     }
 
     fn largest(&self) -> f32 {
         RANGE_CELLS + 1.0
-    }
-
-    fn width(&self) -> f32 {
-        1.0
     }
 
     fn distance(&self, region: usize, visual: &[f32], _: Option<&[f32]>) -> (f32, usize) {

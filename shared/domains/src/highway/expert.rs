@@ -1,9 +1,11 @@
-//! An expert that sees everything, for imitation in training: it tries a few manoeuvres in its head and takes the best.
+//! An expert for imitation in training: it tries a few manoeuvres in its head and takes the best. It sees everything and knows what
+//! everybody is going to do ([`Expert::act`]), or sees only so far, remembers for a while, and takes speeds to stay as they are
+//! ([`Expert::act_within`]): a teacher for those who see no more.
 
 use super::control::Cockpit;
 use super::traffic::Motion;
 use super::world::World;
-use super::{EGO_AHEAD_M, road::wrap_angle};
+use super::{AZIMUTHS, EGO_AHEAD_M, road::wrap_angle};
 
 /// Seconds that a manoeuvre is imagined for; long enough to see a rusher from 60 m behind arrive.
 const HORIZON_S: f64 = 7.5;
@@ -19,6 +21,20 @@ const ASIDE_MPS: f64 = 1.5;
 const MARGIN_M: [f64; 2] = [2.0, 0.4];
 /// Most cars that it considers, nearest lanes first.
 const MAX_CARS: usize = 64;
+/// For how many control steps a car that is out of sight is reckoned on.
+const REMEMBERED_STEPS: u32 = 20;
+
+/// A car that was seen.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    id: i32,
+    s: f64,
+    d: f64,
+    speed: f64,
+    half_length: f64,
+    half_width: f64,
+    unseen: u32,
+}
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Imagined {
@@ -41,6 +57,8 @@ pub struct Expert {
     lane: usize,
     cars: [Imagined; MAX_CARS],
     count: usize,
+    known: [Known; MAX_CARS],
+    knows: usize,
 }
 
 impl Expert {
@@ -52,6 +70,8 @@ impl Expert {
             lane: world.ego().lane,
             cars: [Imagined::default(); MAX_CARS],
             count: 0,
+            known: [Known::default(); MAX_CARS],
+            knows: 0,
         }
     }
 
@@ -60,9 +80,19 @@ impl Expert {
         *self = Self::new(world);
     }
 
-    /// The action it takes now.
+    /// The action it takes now, seeing everything.
     pub fn act(&mut self, world: &World) -> [f32; 2] {
         self.look(world);
+        self.choose(world)
+    }
+
+    /// The action that it takes now if it sees no car farther than `visible_m` in each azimuth. One expert has one sight in a round.
+    pub fn act_within(&mut self, world: &World, visible_m: &[f32; AZIMUTHS]) -> [f32; 2] {
+        self.remember(world, visible_m);
+        self.choose(world)
+    }
+
+    fn choose(&mut self, world: &World) -> [f32; 2] {
         let ego = *world.ego();
         let road = world.road();
         let mut best = (f64::NEG_INFINITY, self.lane, SPEEDS_MPS[0]);
@@ -133,6 +163,63 @@ impl Expert {
             }
             self.cars[self.count] = imagined;
             self.count += 1;
+        }
+    }
+
+    /// Notes the cars in sight, and reckons on those that were.
+    fn remember(&mut self, world: &World, visible_m: &[f32; AZIMUTHS]) {
+        let observation = world.observation();
+        let step_s = f64::from(self.cockpit.step_s);
+        for known in &mut self.known[..self.knows] {
+            known.s += known.speed * step_s;
+            known.unseen += 1;
+        }
+        for car in world.objects().iter().filter(|car| car.present) {
+            let is_seen = (0..AZIMUTHS).any(|azimuth| {
+                observation.object[azimuth] == car.id
+                    && observation.nearest_m(azimuth) <= visible_m[azimuth]
+            });
+            if !is_seen {
+                continue;
+            }
+            let known = self.known[..self.knows].iter().position(|k| k.id == car.id);
+            let place = known.unwrap_or(self.knows);
+            if place == MAX_CARS {
+                continue;
+            }
+            self.knows = self.knows.max(place + 1);
+            self.known[place] = Known {
+                id: car.id,
+                s: car.at.s_m,
+                d: car.at.d_m,
+                speed: car.speed_mps,
+                half_length: car.half_length_m,
+                half_width: car.half_width_m,
+                unseen: 0,
+            };
+        }
+        let mut kept = 0;
+        for k in 0..self.knows {
+            if self.known[k].unseen <= REMEMBERED_STEPS {
+                self.known[kept] = self.known[k];
+                kept += 1;
+            }
+        }
+        self.knows = kept;
+        self.count = kept;
+        for (imagined, known) in self.cars.iter_mut().zip(&self.known[..kept]) {
+            *imagined = Imagined {
+                s: known.s,
+                d: known.d,
+                speed: known.speed,
+                slows_at: f64::INFINITY,
+                slow: known.speed,
+                cruise: known.speed,
+                acceleration: 3.0,
+                deceleration: 4.0,
+                half_length: known.half_length,
+                half_width: known.half_width,
+            };
         }
     }
 

@@ -153,9 +153,20 @@ impl Perception for MetresToReturns {
         MAX_SIGHT_M
     }
 
-    /// Wide enough that a car several metres beyond the limit still pulls at it.
-    fn width(&self) -> f32 {
-        4.0
+    /// Straight ahead, then every 45° to the back, alike on both sides.
+    fn controls(&self) -> usize {
+        5
+    }
+
+    /// Straight lines between the controls' azimuths.
+    fn limits_of(&self, controls: &[f32]) -> Vec<f32> {
+        let limit = |azimuth: usize| {
+            let turned = azimuth.min(AZIMUTHS - azimuth) as f32 * 8.0 / AZIMUTHS as f32;
+            let before = (turned as usize).min(controls.len() - 2);
+            let share = turned - before as f32;
+            (1.0 - share) * controls[before] + share * controls[before + 1]
+        };
+        (0..AZIMUTHS).map(limit).collect()
     }
 
     fn distance(&self, region: usize, visual: &[f32], _: Option<&[f32]>) -> (f32, usize) {

@@ -21,10 +21,6 @@ impl Perception for CellsToPortions {
         11.0
     }
 
-    fn width(&self) -> f32 {
-        1.0
-    }
-
     fn distance(&self, region: usize, visual: &[f32], _: Option<&[f32]>) -> (f32, usize) {
         let at = |i: usize| visual[IMAGE + i] * 4.0 + 4.0;
         let centre = centre_of(region);

@@ -16,7 +16,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
-use training::config;
+use training::config::Config;
 use training::people::{Demonstrations, Learned, learn, wants_original};
 
 /// The person themselves: the ideal model.
@@ -118,7 +118,7 @@ impl Unit for Piece<'_> {
 pub fn learned(
     common: &Common,
     kind: Kind,
-    model: &SelfModel,
+    model: &Arc<SelfModel>,
     lived: &SplitRounds,
     [person, percent]: [u32; 2],
     seed: u64,
@@ -137,7 +137,7 @@ pub fn learned(
         original: original.as_ref(),
         validation: Some(&lived.validation),
     };
-    let mut config = config::gridworld(common.domain.name());
+    let mut config = Config::shipped(common.domain.name());
     config.sqil.phases = common.sqil_phases.unwrap_or(config.sqil.phases);
     Ok(learn(
         kind,

@@ -10,12 +10,12 @@ use crate::statistics::{Interval, over_people};
 use crate::table::write_json;
 use domains::Perception;
 use domains::discrete::{Domain, Mind, Setting};
-use models::SelfModel;
+use models::{Kind, SelfModel};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
-use training::implants_discrete as implants;
+use training::implants::{self, ImplantSettings};
 use training::rounds::Rounds;
 
 /// Settings, in the order of rows.
@@ -24,6 +24,8 @@ const SETTINGS: [Setting; 2] = [Setting::Original, Setting::Transfer];
 const AGREE: f64 = 0.9;
 /// (f): bomb defusal's probabilities are near the real ones within this much, on average.
 const NEAR: f64 = 0.05;
+/// Share of the probability within an interval.
+const INTERVAL: f32 = 0.9;
 /// People whose implants are drawn.
 const DRAWN: u32 = 5;
 
@@ -66,7 +68,7 @@ struct Piece<'a> {
     seed: u64,
 }
 
-const HEADER: &str = "setting,person,seed,limit,true,learned,moments,seen,agreed";
+const HEADER: &str = "setting,person,seed,limit,true,learned,moments,seen,agreed,low,high";
 
 impl Unit for Piece<'_> {
     fn keys(&self) -> Vec<String> {
@@ -87,13 +89,15 @@ impl Unit for Piece<'_> {
         let domain = self.study.common.domain;
         let mut place = Place::new(domain, self.setting)?;
         let lived = SplitRounds::record(&mut place, self.setting, self.person, self.seed)?;
-        let settings = implants::Settings {
+        let settings = ImplantSettings {
             seed: self.seed,
-            ..implants::Settings::of(domain.name())
+            ..ImplantSettings::of(domain.name())
         };
         let rounds = lived.first(self.study.rounds);
-        let learned = implants::learn(self.model, true, &rounds, &settings, &mut |_, _| {})?;
-        let learned = learned.implants.limits();
+        let mut ignore = |_, _| {};
+        let known = implants::learn(self.model, Kind::Mirror, &rounds, &settings, &mut ignore)?;
+        let known = known.posterior;
+        let learned = known.mean_limits();
         let perception = self.model.layout.perception;
         let person = place.person(self.person)?;
         let truth: Vec<f32> = person
@@ -107,7 +111,8 @@ impl Unit for Piece<'_> {
         let rows = self.keys().into_iter().enumerate().map(|(k, key)| {
             let [moments, seen, agreed] = counts[k];
             let (truth, learned) = (truth[k], learned[k]);
-            format!("{key},{truth:.4},{learned:.4},{moments},{seen},{agreed}")
+            let [low, high] = known.interval(k, INTERVAL);
+            format!("{key},{truth:.4},{learned:.4},{moments},{seen},{agreed},{low:.4},{high:.4}")
         });
         Ok(rows.collect())
     }

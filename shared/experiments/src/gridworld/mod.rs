@@ -16,7 +16,7 @@ pub mod units;
 use domains::discrete::Domain;
 use models::SelfModel;
 use training::cloning::CloningSettings;
-use training::implants_discrete;
+use training::implants::ImplantSettings;
 use training::sqil::SqilSettings;
 
 /// What a domain is called in headings.
@@ -63,7 +63,7 @@ impl Common {
         serde_json::json!({
             "self_model": model.digest(),
             "rounds": [subject::LEARNING, subject::VALIDATION, subject::TEST],
-            "implants": implants_discrete::Settings::of(domain),
+            "implants": ImplantSettings::of(domain),
             "bc": CloningSettings::of(domain),
             "sqil": SqilSettings::of(domain),
             "sqil_phases": self.sqil_phases,

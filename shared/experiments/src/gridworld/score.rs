@@ -5,10 +5,8 @@
 //! probability is the mean over [`IMAGINED`] imagined people. For every model, probabilities below [`LEAST`] count as that.
 
 use domains::discrete::{MAX_ACTIONS, Mind, SimulatedPerson};
-use models::{
-    ActionDistribution, Beliefs, Communicated, HumanModel, Observations, RecurrentPolicy, SelfModel,
-};
-use nn::{Arena, Tape, Tensor, noise};
+use models::{Communicated, FollowedPerson, HumanModel, RecurrentPolicy, SelfModel};
+use nn::{Arena, Tape, Tensor};
 use training::rounds::Rounds;
 use training::trajectory::{Sequences, Trajectory};
 
@@ -25,34 +23,30 @@ fn surprise(probability: f64) -> f64 {
 /// Mean surprise of a human model that perceives by itself, in nats a step.
 pub fn of_model(human: &mut dyn HumanModel, model: &SelfModel, rounds: &Rounds) -> f64 {
     let shape = model.sizes.shape;
-    let by_chance = human.noise_rows() > human.latent();
-    let batch = if by_chance { IMAGINED } else { 1 };
-    let mut noise = vec![0.0; human.noise_rows() * batch];
-    let mut observations = Observations::new(&shape, batch);
-    let mut distribution = ActionDistribution::new(human.actions(), batch);
-    let told = vec![Communicated::default(); batch];
     let (mut sum, mut counted) = (0.0, 0_usize);
+    // Models that follow one sample where perception is a matter of chance are asked about many imagined people.
+    let views = match human.noise_rows() > human.latent() && human.samples() == 1 {
+        true => IMAGINED,
+        false => 1,
+    };
+    let mut people: Vec<FollowedPerson> = (0..views)
+        .map(|_| FollowedPerson::new(human, &shape))
+        .collect();
     for (number, round) in rounds.rounds.iter().enumerate() {
-        let mut beliefs = Beliefs::new(human.latent(), batch);
-        let mut action = Tensor::new(shape.action, batch);
+        let mut taken = vec![0.0; shape.action];
+        people.iter_mut().for_each(|person| person.reset(human));
         for t in 0..round.len() {
-            for j in 0..batch {
-                let Observations { visual, verbal } = &mut observations;
-                visual.column_mut(j).copy_from_slice(round.visual(t));
-                verbal.column_mut(j).copy_from_slice(round.verbal(t));
+            let sensed = (round.visual(t), round.verbal(t));
+            let mut probability = 0.0;
+            for (view, person) in people.iter_mut().enumerate() {
+                let at = [view as u64, number as u64, t as u64];
+                person.perceive(human, sensed, Communicated::default(), &taken, at);
+                let log = person.expected().log_probability().expect("choices");
+                probability += f64::from(log.column(0)[round.choice(t)]).exp() / views as f64;
             }
-            noise::fill(&mut noise, number as u64, t as u64);
-            let noise = by_chance.then_some(&noise[..]);
-            human.perceive(&mut beliefs, &action, &observations, &told, noise);
-            human.act(&beliefs, &mut distribution);
-            let taken = round.choice(t);
-            let log = distribution.log_probability().expect("choices");
-            let p = |j: usize| f64::from(log.column(j)[taken]).exp();
-            sum += surprise((0..batch).map(p).sum::<f64>() / batch as f64);
+            sum += surprise(probability);
             counted += 1;
-            for j in 0..batch {
-                action.column_mut(j).copy_from_slice(round.action(t));
-            }
+            taken.copy_from_slice(round.action(t));
         }
     }
     sum / counted.max(1) as f64

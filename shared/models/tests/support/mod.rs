@@ -7,9 +7,9 @@ use domains::discrete::{
 use domains::highway::{BEAMS, LIDAR_RANGE_M, modalities};
 use domains::{ActionSpace, Layout};
 use models::{
-    ActionDistribution, Beliefs, Communicated, HumanModel, IdealHuman, Implants, Kind,
-    Observations, RecurrentHuman, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel, Shape,
-    Sizes,
+    ActionDistribution, Beliefs, Communicated, Features, HumanModel, IdealHuman, Kind,
+    Observations, Posterior, RecurrentHuman, RecurrentPolicy, RecurrentSizes, SelfHuman, SelfModel,
+    Shape, Sizes,
 };
 use nn::Tensor;
 use rand::{RngExt, SeedableRng};
@@ -245,15 +245,53 @@ pub fn world(domain: Gridworld) -> World {
     World::new(&scene, &words).expect("they fit")
 }
 
-/// Implants as if learned: limits all over the place, and a residual that does something.
-pub fn implants(model: &SelfModel, with_policy: bool) -> Implants {
+/// Implants as if learned: one hypothesis of limits all over the place, and a residual that does something.
+pub fn implants(model: &SelfModel, with_policy: bool) -> Posterior {
     let mut rng = ChaCha8Rng::seed_from_u64(21);
-    let mut implants = Implants::new(model, with_policy, &mut rng);
-    for (place, id) in implants.parameters.ids().enumerate() {
-        let tensor = implants.parameters.get_mut(id);
-        nn::noise::fill(tensor.data_mut(), 30 + place as u64, 0);
+    let mut posterior = Posterior::neutral(model, with_policy);
+    let largest = posterior.perception.largest();
+    let latent = model.sizes.latent;
+    let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| rng.random_range(-1.0..1.0)).collect() };
+    if with_policy {
+        posterior.features = Features {
+            center: draw(latent),
+            directions: draw(3 * latent),
+        };
     }
-    implants
+    for hypothesis in &mut posterior.hypotheses {
+        for (limit, share) in hypothesis.limits.iter_mut().zip(draw(64)) {
+            *limit = largest * (0.5 + 0.4 * share);
+        }
+        if let Some(policy) = &mut hypothesis.policy {
+            let rows = policy.bias.len();
+            policy.bias = draw(rows);
+            policy.residual = draw(3 * rows);
+            policy.log_gain = -0.5;
+            policy.lapse = match policy.noise.is_empty() {
+                true => 0.1,
+                false => 0.0,
+            };
+        }
+    }
+    posterior
+}
+
+/// [`implants`], and as many hypotheses more as make `count`, which differ in everything and in probability.
+pub fn posterior(model: &SelfModel, with_policy: bool, count: usize) -> Posterior {
+    let mut posterior = implants(model, with_policy);
+    let first = posterior.hypotheses[0].clone();
+    for h in 1..count {
+        let mut other = first.clone();
+        let share = (h + 1) as f32 / (count + 1) as f32;
+        other.limits.iter_mut().for_each(|limit| *limit *= share);
+        if let Some(policy) = &mut other.policy {
+            policy.bias.iter_mut().for_each(|b| *b += share);
+        }
+        posterior.hypotheses.push(other);
+    }
+    let whole: f32 = (1..=count).map(|h| h as f32).sum();
+    posterior.weights = (1..=count).map(|h| h as f32 / whole).collect();
+    posterior
 }
 
 /// One step's inputs for a batch of people.
