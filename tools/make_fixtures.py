@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes tools/fixtures/: one ELBO step and one implant step with the losses and gradients that PyTorch's autograd finds.
+"""Makes tools/fixtures/: one ELBO step and one look ahead with the losses and gradients that PyTorch's autograd finds.
 
     /tmp/venv/bin/python tools/make_fixtures.py                     # small networks; these files ship with the tests
     /tmp/venv/bin/python tools/make_fixtures.py --paper-sizes --out D    # the same at the paper's sizes
@@ -26,15 +26,12 @@ import numpy as np
 import torch
 
 import tensor_file
-from reference_model import HIGHWAY, Implants, LOG_2PI, SelfModel, Sizes, gaussian, random_steps
+from reference_model import HIGHWAY, SelfModel, Sizes, random_steps
 
 ROOT = Path(__file__).resolve().parent.parent
 # Small enough to ship, and no two sizes equal, so that a mistaken axis cannot go unnoticed. The modalities are the
-# highway's, because the perceptual implant is made for them. One size serves all hidden layers, as in the Rust model.
+# highway's. One size serves all hidden layers, as in the Rust model.
 SMALL = Sizes(113, 36, 120, 6, 2, latent=12, transition_hidden=17, encoder_hidden=17, decoder_hidden=17)
-ACTION_EDGE = 0.97  # policy.rs: actions are kept this far inside (−1, 1)
-ACTION_WEIGHT = (0.1, 1.0)  # the authors' scripts: steering weighs 1, throttle 0.1
-RESIDUAL_PENALTY = 2.0  # the authors' scripts: squared-mean penalty
 
 
 def rust_name(name):
@@ -78,8 +75,8 @@ def lidar_like(batch, generator):
     return torch.cat([*bands, ego], dim=-1)
 
 
-def elbo_fixture(sizes, model, generator):
-    batch, count = 7, 3
+def sequence(sizes, batch, count, generator):
+    """Steps of a batch, seen through random masks."""
     steps = random_steps(sizes, batch, count, generator)
     for step in steps:
         step["visual"] = lidar_like(batch, generator)
@@ -90,71 +87,40 @@ def elbo_fixture(sizes, model, generator):
         step["observed"] = torch.cat([seen, visual_mask, heard, verbal_mask], dim=-1)
         step["reward"] = torch.randn(batch, 1, generator=generator)
     steps[0]["action"].zero_()
+    return steps
+
+
+def double(steps):
+    return [{name: value.float().double() for name, value in step.items()} for step in steps]
+
+
+def elbo_fixture(sizes, model, generator):
+    batch, count = 7, 3
+    steps = sequence(sizes, batch, count, generator)
     tensors = {}
     with_weights(tensors, model)
     with_inputs(tensors, steps)
     model.zero_grad(set_to_none=True)
-    loss, reconstruction, reward, divergence = model.negative_elbo(
-        [{name: value.float().double() for name, value in step.items()} for step in steps]
-    )
+    loss, reconstruction, reward, divergence = model.negative_elbo(double(steps))
     loss.backward()
     with_gradients(tensors, model)
     with_terms(tensors, loss=loss, reconstruction=reconstruction, reward=reward, divergence=divergence)
     return tensors, dict(batch=batch, steps=count)
 
 
-def implant_fixture(sizes, model, generator):
-    """Paper, equation 5, over a window that starts from nothing, with the residual's penalty for −λ log p(χ).
-
-    The first `warm_up` steps only build up the belief; gradients of the later ones pass through them.
-    """
-    batch, count, warm_up = 7, 5, 2
-    implants = Implants(sizes)
-    with torch.no_grad():
-        for parameter in implants.parameters():  # not at their start, where the residual is zero and half the gradients are
-            parameter.copy_(0.4 * torch.randn(parameter.shape, generator=generator))
-    implants = float32_exact(implants)
-    steps = []
-    for _ in range(count):
-        steps.append(
-            dict(
-                visual=lidar_like(batch, generator),
-                # What the person did before this step, and what they do at it: pedals to the floor among it.
-                previous=(1.4 * (2 * torch.rand(batch, 2, generator=generator) - 1)).clamp(-1, 1),
-                action=(1.4 * (2 * torch.rand(batch, 2, generator=generator) - 1)).clamp(-1, 1),
-                noise=torch.randn(batch, sizes.latent, generator=generator),
-            )
-        )
-    for before, after in zip(steps, steps[1:]):
-        after["previous"] = before["action"]
-    steps[0]["previous"] = torch.zeros(batch, 2)
+def foresight_fixture(sizes, model, generator):
+    """The loss of what is imagined open loop, from the second step of five."""
+    batch, count, start = 7, 5, 1
+    steps = sequence(sizes, batch, count, generator)
     tensors = {}
     with_weights(tensors, model)
-    with_weights(tensors, implants, "implant.")
     with_inputs(tensors, steps)
-
-    model.requires_grad_(False)
-    z, weight = None, torch.tensor(ACTION_WEIGHT, dtype=torch.float64)
-    likelihood = penalty = 0.0
-    for i, step in enumerate(steps):
-        step = {name: value.float().double() for name, value in step.items()}
-        mean, deviation = model.filter(z, step["previous"], implants.perceive(step["visual"]))
-        z = mean + deviation * step["noise"]
-        if i < warm_up:
-            continue
-        mean, deviation = gaussian(model.policy(z))
-        delta = implants.delta(z)
-        deviation = (deviation**2 + torch.nn.functional.softplus(implants.noise[:, 0]) ** 2).sqrt()
-        u = step["action"].clamp(-ACTION_EDGE, ACTION_EDGE).atanh()
-        log_density = -0.5 * ((u - mean - delta) / deviation) ** 2 - deviation.log() - 0.5 * LOG_2PI
-        likelihood = likelihood + (weight * log_density).sum(-1).mean() / (count - warm_up)
-        penalty = penalty + RESIDUAL_PENALTY * (delta**2).mean() / (count - warm_up)
-    loss = penalty - likelihood
+    model.zero_grad(set_to_none=True)
+    loss = model.foresight(double(steps), start)
     loss.backward()
-    model.requires_grad_(True)
-    with_gradients(tensors, implants, "implant.")
-    with_terms(tensors, loss=loss, likelihood=likelihood, penalty=penalty)
-    return tensors, dict(batch=batch, steps=count, warm_up=warm_up)
+    with_gradients(tensors, model)
+    with_terms(tensors, loss=loss)
+    return tensors, dict(batch=batch, steps=count, start=start)
 
 
 def load(checkpoint):
@@ -192,7 +158,7 @@ def main():
             for network in (model.first, model.encoder):
                 network.layers[-1].bias[sizes.latent + 3] = -14
     model = float32_exact(model)
-    for name, make in (("elbo_step", elbo_fixture), ("implant_step", implant_fixture)):
+    for name, make in (("elbo_step", elbo_fixture), ("foresight", foresight_fixture)):
         tensors, numbers = make(sizes, model, generator)
         metadata = {"mirror.checkpoint": "1"} | dict(
             fixture=name,

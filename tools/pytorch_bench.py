@@ -14,8 +14,7 @@ import time
 
 import torch
 
-from reference_model import GRIDWORLD, HIGHWAY, Implants, SelfModel, gaussian, nearest_range_m, random_steps, sample
-from reference_model import AZIMUTHS, BANDS, MAX_THRESHOLD_M
+from reference_model import AZIMUTHS, BANDS, GRIDWORLD, HIGHWAY, SelfModel, gaussian, nearest_range_m, random_steps, sample
 
 SAMPLES, ITERATIONS, ELITES, HORIZON, REPEAT = 1000, 3, 200, 4, 2  # the highway's defaults: horizon 4 × 2 steps
 SECTOR_OF = torch.tensor([0] + [1] * 9 + [2] * 8 + [3] + [4] * 8 + [5] * 9)
@@ -25,11 +24,13 @@ ON_DISPLAY = torch.tensor([float(a <= 9 or a >= 27) for a in range(AZIMUTHS)])
 def highway_plan():
     """Forward imagination inside the cross-entropy method: 1000 samples × 3 iterations × 8 steps, all seven steps."""
     torch.manual_seed(0)
-    model, implants = SelfModel(HIGHWAY).eval(), Implants(HIGHWAY).eval()
+    model = SelfModel(HIGHWAY).eval()
+    # Implants: limits of sight in metres, and a residual that is linear in 12 directions of z within ±2.5.
+    limit = torch.full((AZIMUTHS,), 20.5)
+    directions, residual = torch.randn(HIGHWAY.latent, 12), torch.zeros(12, HIGHWAY.action)
     beams = AZIMUTHS * BANDS
     belief_r = gaussian(torch.randn(1, 256))
     belief_h = gaussian(torch.randn(1, 256))
-    limit = MAX_THRESHOLD_M * torch.sigmoid(implants.thresholds.detach())
     discount = 0.9 ** torch.arange(HORIZON * REPEAT)
 
     @torch.inference_mode()
@@ -44,7 +45,7 @@ def highway_plan():
                 shown = bits[:, step // REPEAT]
                 # 1 the person's action; 2 the world's step
                 mean, deviation = gaussian(model.policy(z_h))
-                action = sample(mean + implants.delta(z_h), deviation).tanh()
+                action = sample(mean + (z_h @ directions).clamp(-2.5, 2.5) @ residual, deviation).tanh()
                 z_r = sample(*gaussian(model.transition(torch.cat([z_r, action], dim=-1))))
                 # 3 observations and reward
                 visual, verbal, reward = model.visual(z_r), model.verbal(z_r), model.reward(z_r)

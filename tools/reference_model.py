@@ -1,9 +1,8 @@
-"""The paper's self-model and implants in PyTorch: what the benchmark times and the fixtures take their gradients from.
+"""The paper's self-model in PyTorch: what the benchmark times and the fixtures take their gradients from.
 
 Written from the paper's equations, apart from the Rust code. Tensors are batch × features; weights are out × in.
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -13,9 +12,6 @@ from torch.nn.functional import elu, softplus
 LEAST_DEVIATION = 1e-4  # nn: SMALLEST_DEVIATION
 RANGE_M = 40.0
 AZIMUTHS, BANDS, EGO = 36, 3, 5
-MAX_THRESHOLD_M = 41.0  # implants.rs: "sees that nothing is there" can be represented
-RESIDUAL_SCALE = 0.1  # the authors' scripts
-THRESHOLD_WIDTH_M = 4.0  # implants.rs: the slope that stands in for the step's
 
 
 @dataclass(frozen=True)
@@ -115,6 +111,26 @@ class SelfModel(nn.Module):
         terms = [term / len(steps) for term in (reconstruction, reward, divergence)]
         return sum(terms), *terms
 
+    def foresight(self, steps, start):
+        """How badly the steps after `start` are foreseen, from z there, given the actions alone; per step, averaged over the batch."""
+        s, z, loss = self.sizes, None, 0.0
+        for i, x in enumerate(steps):
+            if i <= start:
+                mean, deviation = self.filter(z, x["action"], x["observed"])
+            else:
+                mean, deviation = gaussian(self.transition(torch.cat([z, x["action"]], dim=-1)))
+            z = mean + deviation * x["noise"]
+            if i <= start:
+                continue
+            for decoder, target, sigma in (
+                (self.visual, x["visual"], s.visual_deviation),
+                (self.verbal, x["verbal"], s.verbal_deviation),
+                (self.reward, x["reward"], s.reward_deviation),
+            ):
+                error = (decoder(z) - target) ** 2 / (2 * sigma**2)
+                loss = loss + error.sum(-1).mean() / (len(steps) - 1 - start)
+        return loss
+
 
 def random_steps(sizes: Sizes, batch: int, count: int, generator=None):
     """Sequences of plausible values, for timing."""
@@ -143,44 +159,3 @@ def nearest_range_m(visual):
     """Range of each azimuth's nearest return in metres, batch × 36, from nearness over the three bands."""
     nearness = visual[:, : AZIMUTHS * BANDS].unflatten(1, (BANDS, AZIMUTHS)).amax(1)
     return RANGE_M * (1 - nearness.clamp(0, 1))
-
-
-class StraightThrough(torch.autograd.Function):
-    """1 where range ≤ limit, else 0; the gradient is that of the logistic function of (limit − range)/width."""
-
-    @staticmethod
-    def forward(context, range_m, limit_m, width_m):
-        context.save_for_backward(range_m, limit_m)
-        context.width_m = width_m
-        return (range_m <= limit_m).to(range_m.dtype)
-
-    @staticmethod
-    def backward(context, gradient):
-        range_m, limit_m = context.saved_tensors
-        soft = torch.sigmoid((limit_m - range_m) / context.width_m)
-        slope = gradient * soft * (1 - soft) / context.width_m
-        return -slope, slope.sum_to_size(limit_m.shape), None
-
-
-class Implants(nn.Module):
-    """36 distance thresholds τ = 41 m · σ(raw), a residual δ(z) on the mean of the policy's Gaussian, and noise on its deviation."""
-
-    def __init__(self, sizes: Sizes, hidden: int = 16):
-        super().__init__()
-        self.thresholds = nn.Parameter(torch.zeros(AZIMUTHS))
-        self.residual = Mlp(sizes.latent, hidden, sizes.action)
-        self.noise = nn.Parameter(torch.full((sizes.action, 1), -1.05))
-
-    def perceive(self, visual, width_m=THRESHOLD_WIDTH_M):
-        """The encoder's view through the thresholds, with nothing spoken: batch × encoded."""
-        limit = MAX_THRESHOLD_M * torch.sigmoid(self.thresholds)
-        mask = StraightThrough.apply(nearest_range_m(visual), limit, width_m)
-        beams = AZIMUTHS * BANDS
-        seen = visual[:, :beams] * mask.repeat(1, BANDS)
-        return torch.cat([seen, visual[:, beams:], mask, visual.new_zeros(len(visual), HIGHWAY.verbal + HIGHWAY.verbal_mask)], dim=-1)
-
-    def delta(self, z):
-        return RESIDUAL_SCALE * self.residual(z)
-
-
-LOG_2PI = math.log(2 * math.pi)

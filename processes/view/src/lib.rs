@@ -84,11 +84,12 @@ pub fn run(arguments: &RunArguments, options: &ViewOptions) -> Result<()> {
             ObserverWake::Stop | ObserverWake::RunOver => break,
         }
     }
-    ports.drain(|message| view.take(message))?;
+    // The set may be gone already; pages hear that it is over all the same.
+    let drained = ports.drain(|message| view.take(message));
     view.shown_ns = 0;
     view.show();
     view.server.tell(r#"{"t":"over"}"#);
-    Ok(())
+    drained
 }
 
 fn hello(options: &ViewOptions, decoder: &Decoder, run_id: u64) -> Value {

@@ -304,3 +304,40 @@ fn a_trace_holds_every_step() {
     assert!((reward - round.reward).abs() < 1e-9);
     assert_eq!(trace.last().unwrap().outcome.end, round.end);
 }
+
+/// An expert who sees nothing goes on as if the road were empty, whatever comes; one who sees as far as the LIDAR gets around it.
+#[test]
+fn an_expert_knows_only_what_is_in_its_sight() {
+    let drive = |visible_m: f32| {
+        let mut world = world();
+        let mut expert = Expert::new(&world);
+        let (mut collisions, mut actions) = (0, Vec::new());
+        for case in Case::ALL {
+            world.reset_case(11, case.number(), case);
+            expert.reset(&world);
+            while world.end() == End::Running {
+                let action = expert.act_within(&world, &[visible_m; domains::highway::AZIMUTHS]);
+                if world.steps() < 10 {
+                    actions.push(action);
+                }
+                world.step(action);
+            }
+            collisions += usize::from(world.end() == End::Collision);
+        }
+        (collisions, actions)
+    };
+    let (blind, of_blind) = drive(0.0);
+    let (seeing, _) = drive(domains::highway::LIDAR_RANGE_M);
+    assert!(blind >= 4, "{blind} collisions of 6 with eyes shut");
+    assert!(
+        seeing + 3 <= blind,
+        "{seeing} collisions seeing, {blind} blind"
+    );
+    // In the first second and a half every case of one seed looks alike to it, but for the lane.
+    let (left, right) = of_blind.split_at(of_blind.len() / 2);
+    for half in [left, right] {
+        for own in half.chunks(10) {
+            assert_eq!(own, &half[..10]);
+        }
+    }
+}

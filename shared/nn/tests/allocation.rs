@@ -96,12 +96,12 @@ impl Model {
             h = t.gru(&self.gru, z, h);
             let both = t.concat(&[z, h]);
             let y = t.mlp(&self.decoder, both);
-            let unit = t.constant(20, 1, 1.0);
-            let fit = t.gaussian_log_density_weighted(x, y, unit, unit);
+            let unit = t.constant(20, 24, 1.0);
+            let fit = t.gaussian_log_density(x, y, unit);
             let part = t.rows(y, 3..9);
             let logp = t.log_softmax(part);
             let chosen = t.select_log_prob(logp, classes);
-            let seen = t.threshold(x, y, 0.1);
+            let seen = t.min(x, y);
             let seen = t.sum_rows(seen);
             let spread = t.spread(seen, 2);
             let spread = t.sum_rows(spread);

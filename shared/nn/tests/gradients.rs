@@ -5,7 +5,7 @@ mod support;
 use nn::{Activation, Arena, Dense, Gradients, Gru, Mlp, ParamId, Parameters, Tape, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use support::{Build, STEP, check, close, random};
+use support::{Build, STEP, check, random};
 
 /// Shapes that meet whole vectors, remainders, single rows and single columns.
 const SHAPES: [(usize, usize); 6] = [(1, 1), (3, 1), (1, 7), (5, 4), (16, 3), (35, 2)];
@@ -115,31 +115,12 @@ fn gaussians() {
     check_same("log_density", &[wide, wide, dev], &|t, v| {
         t.gaussian_log_density(v[0], v[1], v[2])
     });
-    check_same("weighted", &[wide, wide, dev, (0.1, 2.0)], &|t, v| {
-        t.gaussian_log_density_weighted(v[0], v[1], v[2], v[3])
-    });
     check_same("kl", &[wide, dev, wide, dev], &|t, v| {
         t.gaussian_kl(v[0], v[1], v[2], v[3])
     });
     check_same("kl terms", &[wide, dev, wide, dev], &|t, v| {
         t.gaussian_kl_terms(v[0], v[1], v[2], v[3])
     });
-    // One column of means, deviations and weights for all.
-    let mut rng = ChaCha8Rng::seed_from_u64(12);
-    for (rows, cols) in SHAPES {
-        let mut leaves = [
-            random(&mut rng, rows, cols, -2.0, 2.0),
-            random(&mut rng, rows, 1, -2.0, 2.0),
-            random(&mut rng, rows, 1, 0.7, 2.0),
-            random(&mut rng, rows, 1, 0.1, 2.0),
-        ];
-        check(
-            "weighted, one column",
-            &mut Parameters::new(),
-            &mut leaves,
-            &|t, v| t.gaussian_log_density_weighted(v[0], v[1], v[2], v[3]),
-        );
-    }
 }
 
 #[test]
@@ -214,45 +195,6 @@ fn stopped_and_constant_variables_get_nothing() {
     let only_stopped = tape.sum(stopped);
     tape.backward(only_stopped, &mut gradients, &|_| true);
     assert!(tape.grad(leaf).is_empty());
-}
-
-#[test]
-fn threshold_is_hard_forwards_and_smooth_backwards() {
-    let (width, cols) = (0.2_f32, 3);
-    let mut rng = ChaCha8Rng::seed_from_u64(31);
-    let mut p = Parameters::new();
-    let limit = p.add("limit", random(&mut rng, 36, 1, 0.2, 0.8));
-    let range = random(&mut rng, 36, cols, 0.0, 1.0);
-    let weights = random(&mut rng, 36, cols, -1.0, 1.0);
-    let mut gradients = Gradients::for_params(&p);
-    let mut arena = Arena::new();
-    let mut tape = Tape::new(&p, &mut arena);
-    let (r, l, w) = (tape.leaf(&range), tape.param(limit), tape.input(&weights));
-    let seen = tape.threshold(r, l, width);
-    let weighted = tape.mul(seen, w);
-    let loss = tape.sum(weighted);
-    tape.backward(loss, &mut gradients, &|_| true);
-    let smooth = |range: f64, limit: f64| 1.0 / (1.0 + (-(limit - range) / f64::from(width)).exp());
-    let mut expected_limit = [0.0; 36];
-    for j in 0..cols {
-        for i in 0..36 {
-            let (x, m) = (range.column(j)[i], p.get(limit).data()[i]);
-            let hard = if x <= m { 1.0 } else { 0.0 };
-            assert_eq!(tape.value(seen)[j * 36 + i], hard);
-            let (x, m, w) = (f64::from(x), f64::from(m), f64::from(weights.column(j)[i]));
-            let slope = w * (smooth(x, m + 1e-5) - smooth(x, m - 1e-5)) / 2e-5;
-            expected_limit[i] += slope;
-            close("range", tape.grad(r)[j * 36 + i], -slope, 0.0);
-        }
-    }
-    for i in 0..36 {
-        close(
-            "limit",
-            gradients.get(limit).data()[i],
-            expected_limit[i],
-            0.0,
-        );
-    }
 }
 
 #[test]

@@ -129,9 +129,6 @@ fn gradients_of_convolutions() {
         });
     }
     let mut x = [random(&mut rng, 6, 4, -1.0, 1.0)];
-    check("gathered rows", &mut Parameters::new(), &mut x, &|t, v| {
-        t.gather_rows(v[0], &[3, 0, 3, 5, 1, 1, 1])
-    });
     check("columns", &mut Parameters::new(), &mut x, &|t, v| {
         let (a, b) = (t.columns(v[0], 0..3), t.columns(v[0], 1..4));
         let product = t.mul(a, b);

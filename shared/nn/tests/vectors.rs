@@ -121,16 +121,12 @@ fn functions_of_several_numbers() {
         check("div", p, leaves, &|t, v| t.div(v[0], v[1]));
         check("min", p, leaves, &|t, v| t.min(v[0], v[2]));
         check("max", p, leaves, &|t, v| t.max(v[0], v[2]));
-        check("threshold", p, leaves, &|t, v| t.threshold(v[0], v[2], 0.2));
         check("concat", p, leaves, &|t, v| t.concat(&[v[0], v[2], v[1]]));
         check("sample", p, leaves, &|t, v| {
             t.gaussian_sample(v[0], v[1], v[2])
         });
         check("log density", p, leaves, &|t, v| {
             t.gaussian_log_density(v[2], v[0], v[1])
-        });
-        check("weighted log density", p, leaves, &|t, v| {
-            t.gaussian_log_density_weighted(v[2], v[0], v[1], v[3])
         });
         check("kl", p, leaves, &|t, v| {
             t.gaussian_kl(v[0], v[1], v[2], v[3])

@@ -274,3 +274,94 @@ fn is_eventful(episode: &Episode, t: usize) -> bool {
         || expert[1].abs() > 0.2
         || beams.iter().any(|nearness| *nearness > 0.5)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::{Environment, shipped};
+    use crate::rollout::{Actor, Rollout};
+    use domains::discrete::Setting;
+    use models::Sizes;
+    use rand::SeedableRng;
+
+    /// Some rounds of a domain, lived with limited sight and without.
+    fn lived(domain: &'static str) -> (SelfModel, Replay) {
+        let environment: Box<dyn Environment> = shipped(domain, Setting::Original).expect("ships");
+        let layout = Arc::clone(environment.layout());
+        let sizes = Sizes::of(&layout).with_hidden(16);
+        let model = SelfModel::new(
+            sizes,
+            Arc::clone(&layout),
+            &mut ChaCha8Rng::seed_from_u64(1),
+        );
+        let has_peer = environment.has_peer();
+        let mut rollout = Rollout::new(environment, &model);
+        let mut replay = Replay::new(100_000, &layout);
+        for number in 0..8 {
+            let limited = Actor::Policy {
+                explore: 0.5,
+                limited: true,
+            };
+            let actor = match number % 3 {
+                0 => Actor::Expert { slips: 0.0 },
+                1 if has_peer => Actor::Peer,
+                _ => limited,
+            };
+            let (_, episode) = rollout.episode(&model, actor, 3, number);
+            replay.push(episode.clone());
+        }
+        (model, replay)
+    }
+
+    /// Nobody perceives less than whoever acted, and what is imitated is an expert who perceives as much.
+    #[test]
+    fn no_sequence_perceives_less_than_whoever_acted() {
+        for domain in ["highway", "driving", "search_rescue", "bomb_defusal"] {
+            let (model, replay) = lived(domain);
+            let layout = &model.layout;
+            let dropout = Dropout::new(layout, 0.35);
+            let mut rng = ChaCha8Rng::seed_from_u64(5);
+            let (mut limited, mut peers, mut experts) = (0, 0, 0);
+            let mut shard = Shard {
+                batch: Batch::new(&model, 1, 1),
+                expert: Tensor::new(model.sizes.shape.action, 1),
+                imitated: Tensor::new(1, 1),
+                terminal: Tensor::new(1, 1),
+            };
+            for draw in 0..2000 {
+                let found = dropout.sequence(draw % 8, &replay, 2, &mut rng);
+                let (episode, start) = found.expect("there are sequences");
+                let way = dropout.way(&mut rng);
+                for t in [0, 1] {
+                    let from = start + t;
+                    if from >= episode.len() {
+                        continue;
+                    }
+                    let actor = episode.perceived[from];
+                    let begins_within = t == 0 && start > 0;
+                    let mask = dropout.mask(way, begins_within, actor, &mut rng);
+                    assert_eq!(mask & actor, actor, "{domain}: {mask:?} of {actor:?}");
+                    assert!(!begins_within || mask & layout.sensed == layout.sensed);
+                    limited += u32::from(mask & layout.sensed != layout.sensed);
+                    shard.fill(0, t, (episode, start), mask, &model);
+                    if shard.imitated.data()[0] == 0.0 {
+                        continue;
+                    }
+                    let imitated = shard.expert.column(0);
+                    if mask & layout.sensed == layout.sensed {
+                        assert_eq!(imitated, episode.expert(from));
+                        experts += 1;
+                    } else {
+                        assert_eq!((mask, imitated), (actor, episode.peer(from)));
+                        peers += 1;
+                    }
+                }
+            }
+            assert!(
+                limited > 200 && experts > 200,
+                "{domain}: {limited}, {experts}"
+            );
+            assert_eq!(peers > 100, domain == "highway", "{domain}: {peers} peers");
+        }
+    }
+}

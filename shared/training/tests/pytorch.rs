@@ -1,4 +1,4 @@
-//! A whole ELBO step against PyTorch's autograd, on identical weights and inputs. The fixtures
+//! A whole ELBO step and a whole look ahead against PyTorch's autograd, on identical weights and inputs. The fixtures
 //! and the script that makes them are in `tools/` (`make_fixtures.py`).
 
 use domains::highway::modalities::layout;
@@ -95,18 +95,23 @@ fn assert_gradients(file: &Checkpoint, parameters: &Parameters, gradients: &Grad
     }
 }
 
+fn batch_of(file: &Checkpoint, model: &SelfModel) -> Batch {
+    let mut batch = Batch::new(model, number(file, "steps"), number(file, "batch"));
+    joined(file, "observed", &mut batch.observed);
+    joined(file, "visual", &mut batch.visual);
+    joined(file, "verbal", &mut batch.verbal);
+    joined(file, "action", &mut batch.action);
+    joined(file, "reward", &mut batch.reward);
+    joined(file, "noise", &mut batch.noise);
+    batch.weight.fill(1.0);
+    batch
+}
+
 #[test]
 fn a_whole_elbo_step_agrees_with_pytorch() {
     let file = fixture("elbo_step");
     let model = model_of(&file);
-    let mut batch = Batch::new(&model, number(&file, "steps"), number(&file, "batch"));
-    joined(&file, "observed", &mut batch.observed);
-    joined(&file, "visual", &mut batch.visual);
-    joined(&file, "verbal", &mut batch.verbal);
-    joined(&file, "action", &mut batch.action);
-    joined(&file, "reward", &mut batch.reward);
-    joined(&file, "noise", &mut batch.noise);
-    batch.weight.fill(1.0);
+    let batch = batch_of(&file, &model);
     let mut arena = Arena::default();
     let mut gradients = Gradients::for_params(&model.parameters);
     let mut tape = Tape::new(&model.parameters, &mut arena);
@@ -120,5 +125,20 @@ fn a_whole_elbo_step_agrees_with_pytorch() {
         assert_term(&file, name, tape.value(var)[0]);
     }
     tape.backward(terms.loss, &mut gradients, &|_| true);
+    assert_gradients(&file, &model.parameters, &gradients);
+}
+
+#[test]
+fn a_whole_look_ahead_agrees_with_pytorch() {
+    let file = fixture("foresight");
+    let model = model_of(&file);
+    let batch = batch_of(&file, &model);
+    let mut arena = Arena::default();
+    let mut gradients = Gradients::for_params(&model.parameters);
+    let mut tape = Tape::new(&model.parameters, &mut arena);
+    let z = model.negative_elbo(&mut tape, &batch).z;
+    let loss = model.foresight(&mut tape, &batch, z, number(&file, "start"));
+    assert_term(&file, "loss", tape.value(loss)[0]);
+    tape.backward(loss, &mut gradients, &|_| true);
     assert_gradients(&file, &model.parameters, &gradients);
 }

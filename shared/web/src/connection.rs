@@ -16,6 +16,8 @@ const MOST_BYTES: usize = 16 << 10;
 const ASK: Duration = Duration::from_secs(2);
 /// … and let go when it has not answered for so long.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// How long a page has to take what it is told last.
+pub(crate) const LAST_WORDS: Duration = Duration::from_secs(2);
 /// How long a file may take to be read by the other side.
 const FILE_PATIENCE: Duration = Duration::from_secs(20);
 
@@ -72,11 +74,7 @@ impl PageSocket {
     fn follow(&mut self, page: &Page, shared: &Shared) -> Result<(), Error> {
         loop {
             if shared.is_over() || lock(&page.mailbox).is_closed {
-                // The last word, as far as the other side takes it.
-                let _ = self.send(page);
-                let _ = self.socket.close(None);
-                let _ = self.socket.flush();
-                return Ok(());
+                return self.part(page);
             }
             if !self.listen(page, shared)? {
                 return Ok(());
@@ -85,6 +83,18 @@ impl PageSocket {
             self.send(page)?;
             self.wait(page)?;
         }
+    }
+
+    /// Sends the last word, behind what the page was told before it, as far as the other side takes it in time.
+    fn part(&mut self, page: &Page) -> Result<(), Error> {
+        let since = Instant::now();
+        self.send(page)?;
+        while !self.is_flushed && since.elapsed() < LAST_WORDS {
+            self.wait(page)?;
+            self.send(page)?;
+        }
+        self.socket.close(None)?;
+        self.socket.flush()
     }
 
     /// Hands over what the page says; false if nobody keeps up with it, or it is silent for too long.

@@ -2,7 +2,7 @@
 
 use crate::access::Access;
 use crate::assets::Asset;
-use crate::connection;
+use crate::connection::{self, LAST_WORDS};
 use crate::mailbox::{Mailbox, Slot};
 use rustix::event::{PollFd, PollFlags, poll};
 use std::collections::VecDeque;
@@ -20,9 +20,6 @@ use thiserror::Error;
 const MOST_CONNECTIONS: usize = 64;
 /// Messages of pages that may wait for the process; a page that sends more is let go.
 const MOST_INCOMING: usize = 1024;
-
-/// How long pages have to take what they are told last.
-const LAST_WORDS: Duration = Duration::from_millis(500);
 
 /// A page that is open: no two of a server have the same.
 pub type PageId = u64;

@@ -115,6 +115,26 @@ fn the_last_word_arrives() {
     Server::start(&access, LIVE_VIEW).unwrap();
 }
 
+/// A page that is behind has the rest of a message, and more, before the last word.
+#[test]
+fn the_last_word_arrives_at_a_page_that_is_behind() {
+    let (access, server) = serve();
+    let mut page = open(&access);
+    joined(&server);
+    let long = "x".repeat(100_000);
+    // More than the system keeps between the two.
+    for _ in 0..70 {
+        server.tell(&long);
+    }
+    server.tell("over");
+    let ends = std::thread::spawn(move || drop(server));
+    // The page reads once the server has begun to end: then nobody is let in any more.
+    while TcpStream::connect(access.listen).is_ok() {}
+    let last = std::iter::from_fn(|| read(&mut page)).last();
+    assert_eq!(last.as_deref(), Some("over"));
+    ends.join().unwrap();
+}
+
 #[test]
 fn nobody_is_served_without_the_token() {
     let (access, server) = serve();

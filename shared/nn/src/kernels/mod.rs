@@ -166,14 +166,6 @@ elementwise! {
         -g * inverse * ratio.mul_add(ratio, u.mul_add(u, -1.0))
     };
 
-    // Straight-through threshold: 1 where range ≤ limit; backward as sigmoid((limit − range)/width).
-    threshold(range, limit;) if range <= limit { 1.0 } else { 0.0 };
-    threshold_d(g, range, limit; signed_inverse_width) {
-        // The sigmoid's slope is even, so the sign of the argument does not matter.
-        let s = sigmoid_of((limit - range) * signed_inverse_width);
-        g * signed_inverse_width * s * (1.0 - s)
-    };
-
     // log-softmax: dx = g − eʸ Σg
     log_softmax_d(g, y; total) exp_of(y).mul_add(-total, g);
 

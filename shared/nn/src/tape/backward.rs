@@ -150,7 +150,6 @@ impl Tape<'_> {
                 Op::Rows { x, .. }
                 | Op::Select { x, .. }
                 | Op::Unfold { x, .. }
-                | Op::GatherRows { x, .. }
                 | Op::Columns { x, .. }
                 | Op::Fold { x, .. } => need(x),
                 Op::Product { x, weight } => need(x) || wanted(weight),
@@ -295,21 +294,6 @@ impl Step<'_> {
                         kernels::copy(first, dx, &g[start..start + length]);
                     }
                     start += length;
-                }
-            }
-            Op::GatherRows { x, from } => {
-                let height = self.nodes[x.index()].rows;
-                if rows > 0
-                    && let Some((first, dx)) = self.gradient(x)
-                {
-                    if first {
-                        dx.fill(0.0);
-                    }
-                    for (dx, g) in dx.chunks_exact_mut(height).zip(g.chunks_exact(rows)) {
-                        for (g, source) in g.iter().zip(&lists[from..from + rows]) {
-                            dx[*source as usize] += g;
-                        }
-                    }
                 }
             }
             Op::Columns { x, from } => {
@@ -477,7 +461,6 @@ impl Step<'_> {
                 Binary::Div => kernels::quotient(first, da, g, vb),
                 Binary::Min => kernels::minimum_d(first, da, g, va, vb),
                 Binary::Max => kernels::maximum_d(first, da, g, va, vb),
-                Binary::Threshold(w) => kernels::threshold_d(first, da, g, va, vb, -w),
             }
         }
         if let Some((first, db)) = self.gradient(b) {
@@ -488,7 +471,6 @@ impl Step<'_> {
                 Binary::Div => kernels::quotient_d_below(first, db, g, y, vb),
                 Binary::Min => kernels::minimum_d(first, db, g, vb, va),
                 Binary::Max => kernels::maximum_d(first, db, g, vb, va),
-                Binary::Threshold(w) => kernels::threshold_d(first, db, g, va, vb, w),
             }
         }
     }

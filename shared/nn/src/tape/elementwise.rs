@@ -101,22 +101,6 @@ impl Tape<'_> {
         )
     }
 
-    /// Straight-through threshold: 1 where range ≤ limit, else 0; backward as σ((limit − range)/width). A limit of
-    /// one column holds for every column.
-    ///
-    /// # Panics
-    /// If the shapes do not fit, or the width is not positive.
-    pub fn threshold(&mut self, range: Var, limit: Var, width: f32) -> Var {
-        assert!(width > 0.0, "a threshold's width must be positive");
-        let (rows, cols) = self.shape(range);
-        let limit = self.same_columns(limit, cols);
-        assert_eq!(self.shape(limit), (rows, cols), "shapes of a threshold");
-        let op = Op::Binary(Binary::Threshold(1.0 / width), range, limit);
-        self.record(op, rows, cols, |before, out| {
-            kernels::threshold(true, out, before.value(range), before.value(limit));
-        })
-    }
-
     /// Repeats a single column where more are needed.
     pub(super) fn same_columns(&mut self, v: Var, cols: usize) -> Var {
         if self.shape(v).1 == 1 && cols != 1 {

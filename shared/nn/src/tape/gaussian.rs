@@ -38,21 +38,6 @@ impl Tape<'_> {
         self.sum_rows(terms)
     }
 
-    /// Σᵢ wᵢ ln N(xᵢ; μᵢ, σᵢ): 1 × batch; weights (or a mask) of x's shape, or one column for every column.
-    pub fn gaussian_log_density_weighted(
-        &mut self,
-        x: Var,
-        mean: Var,
-        deviation: Var,
-        weights: Var,
-    ) -> Var {
-        let cols = self.shape(x).1;
-        let terms = self.gaussian_log_density_terms(x, mean, deviation);
-        let weights = self.same_columns(weights, cols);
-        let weighted = self.mul(terms, weights);
-        self.sum_rows(weighted)
-    }
-
     /// KL[N(μq, σq) ‖ N(μp, σp)] of each feature: rows × batch.
     pub fn gaussian_kl_terms(&mut self, mean_q: Var, dev_q: Var, mean_p: Var, dev_p: Var) -> Var {
         let (rows, cols) = self.shape(mean_q);

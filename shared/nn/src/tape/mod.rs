@@ -51,8 +51,6 @@ enum Binary {
     Div,
     Min,
     Max,
-    /// (range, limit), 1/width.
-    Threshold(f32),
 }
 
 /// What made a node.
@@ -132,11 +130,6 @@ enum Op {
         count: usize,
     },
     Columns {
-        x: Var,
-        from: usize,
-    },
-    /// `from`: place of each row's source in `Arena::lists`.
-    GatherRows {
         x: Var,
         from: usize,
     },

@@ -101,28 +101,6 @@ impl Tape<'_> {
         })
     }
 
-    /// Rows in the order of `sources`, which may name a row several times or never.
-    ///
-    /// # Panics
-    /// If a source is no row of v.
-    pub fn gather_rows(&mut self, v: Var, sources: &[u32]) -> Var {
-        let (height, cols) = self.shape(v);
-        let rows = sources.len();
-        let from = self.arena.lists.len();
-        self.arena.lists.extend_from_slice(sources);
-        self.record(Op::GatherRows { x: v, from }, rows, cols, |before, out| {
-            if rows == 0 {
-                return;
-            }
-            let x = before.value(v);
-            for (out, x) in out.chunks_exact_mut(rows).zip(x.chunks_exact(height)) {
-                for (out, source) in out.iter_mut().zip(&before.lists[from..from + rows]) {
-                    *out = x[*source as usize];
-                }
-            }
-        })
-    }
-
     /// [a, b, …]: columns side by side.
     ///
     /// # Panics
