@@ -195,6 +195,10 @@ const SHORTER: &[(&str, &str)] = &[
         "mirror evaluate foresight --quick --people 1 --out out/foresight",
     ),
     (
+        "mirror evaluate unaided --out out/unaided",
+        "mirror evaluate unaided --quick --people 1 --out out/unaided",
+    ),
+    (
         "mirror evaluate drive --out docs/drive --results RESULTS.md",
         "mirror evaluate drive --quick --people 1 --conditions clear,silent --out docs/drive --results RESULTS.md",
     ),

@@ -41,6 +41,7 @@ def steps_of(sizes, batch, count, generator):
                 verbal=2 * rand(sizes.verbal) - 1,
                 action=action if t else torch.zeros_like(action),
                 reward=torch.randn(batch, 1, generator=generator),
+                ended=(rand(1) < 0.3).float(),
                 noise=torch.randn(batch, sizes.latent, generator=generator),
                 weight=weight,
             )
@@ -74,10 +75,10 @@ def main():
         with_weights(tensors, model)
         with_inputs(tensors, steps)
         steps = [{key: value.float().double() for key, value in step.items()} for step in steps]
-        loss, reconstruction, reward, divergence = model.negative_elbo(steps)
+        loss, reconstruction, reward, ending, divergence = model.negative_elbo(steps)
         loss.backward()
         with_gradients(tensors, model)
-        with_terms(tensors, loss=loss, reconstruction=reconstruction, reward=reward, divergence=divergence)
+        with_terms(tensors, loss=loss, reconstruction=reconstruction, reward=reward, ending=ending, divergence=divergence)
         metadata = {"mirror.checkpoint": "1"} | dict(
             fixture=name,
             command=f"tools/make_discrete_fixtures.py --seed {arguments.seed}",

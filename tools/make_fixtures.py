@@ -42,6 +42,8 @@ def rust_name(name):
 def with_weights(tensors, model, prefix=""):
     for name, parameter in model.named_parameters():
         tensors[f"weight.{prefix}{rust_name(name)}"] = parameter.detach().float().numpy()
+    # The rewards that were ever earned: a part of the file, in no term of the loss.
+    tensors[f"weight.{prefix}rewards"] = np.array([-7.0, 5.0], dtype=np.float32)
 
 
 def with_gradients(tensors, model, prefix=""):
@@ -86,6 +88,7 @@ def sequence(sizes, batch, count, generator):
         seen, heard = step["visual"] * masks, step["verbal"] * verbal_mask.repeat_interleave(20, dim=1)
         step["observed"] = torch.cat([seen, visual_mask, heard, verbal_mask], dim=-1)
         step["reward"] = torch.randn(batch, 1, generator=generator)
+        step["ended"] = (torch.rand(batch, 1, generator=generator) < 0.3).float()
     steps[0]["action"].zero_()
     return steps
 
@@ -101,10 +104,10 @@ def elbo_fixture(sizes, model, generator):
     with_weights(tensors, model)
     with_inputs(tensors, steps)
     model.zero_grad(set_to_none=True)
-    loss, reconstruction, reward, divergence = model.negative_elbo(double(steps))
+    loss, reconstruction, reward, ending, divergence = model.negative_elbo(double(steps))
     loss.backward()
     with_gradients(tensors, model)
-    with_terms(tensors, loss=loss, reconstruction=reconstruction, reward=reward, divergence=divergence)
+    with_terms(tensors, loss=loss, reconstruction=reconstruction, reward=reward, ending=ending, divergence=divergence)
     return tensors, dict(batch=batch, steps=count)
 
 

@@ -40,13 +40,13 @@ def highway_plan():
             bits = (torch.rand(SAMPLES, HORIZON, 12) < probability).float()
             z_r = sample(*(t.expand(SAMPLES, -1) for t in belief_r))
             z_h = sample(*(t.expand(SAMPLES, -1) for t in belief_h))
-            value = torch.zeros(SAMPLES)
+            value, going = torch.zeros(SAMPLES), torch.ones(SAMPLES)
             for step in range(HORIZON * REPEAT):
                 shown = bits[:, step // REPEAT]
                 # 1 the person's action; 2 the world's step
                 mean, deviation = gaussian(model.policy(z_h))
                 action = sample(mean + (z_h @ directions).clamp(-2.5, 2.5) @ residual, deviation).tanh()
-                z_r = sample(*gaussian(model.transition(torch.cat([z_r, action], dim=-1))))
+                z_r = sample(*model.advance(z_r, action))
                 # 3 observations and reward
                 visual, verbal, reward = model.visual(z_r), model.verbal(z_r), model.reward(z_r)
                 # 4 what the person sees; 5 what is communicated; 6 both
@@ -61,7 +61,8 @@ def highway_plan():
                 z_h = sample(*model.filter(z_h, action, torch.cat([seen, visual[:, beams:], mask, spoken, heard], dim=-1)))
                 visual_cost = 0.02 * (shown[:, :6] * torch.tensor([1.0, 9.0, 0.0, 0.0, 0.0, 9.0])).sum(1)
                 cost = visual_cost + 0.4 * heard.sum(1) ** 3
-                value += discount[step] * (10.0 * reward[:, 0] - cost)
+                value += discount[step] * (10.0 * going * reward[:, 0] - cost)
+                going = going * (1 - model.ended(z_r)[:, 0].sigmoid())
             elite = value.topk(ELITES).indices
             probability = 0.2 * probability + 0.8 * bits[elite].mean(0)
         return probability

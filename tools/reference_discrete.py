@@ -8,7 +8,7 @@ import torch
 from torch import nn
 from torch.nn.functional import elu
 
-from reference_model import Mlp, gaussian
+from reference_model import Mlp, gaussian, gaussian_from, unlikely
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class DiscreteModel(nn.Module):
         self.visual = Mlp(s.latent, d, d, drawn + s.visual - pixels)
         self.verbal = Mlp(s.latent, d, d, s.verbal)
         self.reward = Mlp(s.latent, d, d, 1)
+        self.ended = Mlp(s.latent, d, d, 1)
         self.q = Mlp(s.latent, q, q, s.actions)
         if s.image:
             i = s.image
@@ -90,7 +91,9 @@ class DiscreteModel(nn.Module):
         return torch.cat([looked, elu(self.listen(observed[:, seen:]))], dim=-1)
 
     def posterior(self, z, action, features):
-        return gaussian(self.first(features) if z is None else self.encoder(torch.cat([z, action, features], dim=-1)))
+        if z is None:
+            return gaussian(self.first(features))
+        return gaussian_from(z, self.encoder(torch.cat([z, action, features], dim=-1)))
 
     def decode(self, z):
         output = self.visual(z)
@@ -106,14 +109,14 @@ class DiscreteModel(nn.Module):
         """−L_e of paper equation 3 per step that counts; `weight` is 0 beyond an episode's end."""
         s, z = self.sizes, None
         pixels = s.image.numbers if s.image else 0
-        reconstruction = reward = divergence = counted = 0.0
+        reconstruction = reward = ending = divergence = counted = 0.0
         for x in steps:
             weight = x["weight"][:, 0]
             mean, deviation = self.posterior(z, x["action"], self.read(x["observed"]))
             if z is None:
                 prior_mean, prior_deviation = torch.zeros_like(mean), torch.ones_like(deviation)
             else:
-                prior_mean, prior_deviation = gaussian(self.transition(torch.cat([z, x["action"]], dim=-1)))
+                prior_mean, prior_deviation = gaussian_from(z, self.transition(torch.cat([z, x["action"]], dim=-1)))
             z = mean + deviation * x["noise"]
             kl = torch.distributions.kl_divergence(
                 torch.distributions.Normal(mean, deviation), torch.distributions.Normal(prior_mean, prior_deviation)
@@ -126,6 +129,7 @@ class DiscreteModel(nn.Module):
             reconstruction = reconstruction + (weight * (visual + verbal)).sum()
             error = ((self.reward(z) - x["reward"]) ** 2)[:, 0] / (2 * s.reward_deviation**2)
             reward = reward + (weight * error).sum()
+            ending = ending + (weight * unlikely(self.ended(z), x["ended"])).sum()
             counted = counted + weight.sum()
-        terms = [term / counted for term in (reconstruction, reward, divergence)]
+        terms = [term / counted for term in (reconstruction, reward, ending, divergence)]
         return sum(terms), *terms

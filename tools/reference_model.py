@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import nn
-from torch.nn.functional import elu, softplus
+from torch.nn.functional import binary_cross_entropy_with_logits, elu, softplus
 
 LEAST_DEVIATION = 1e-4  # nn: SMALLEST_DEVIATION
 RANGE_M = 40.0
@@ -58,6 +58,17 @@ def gaussian(output):
     return mean, softplus(raw).clamp(min=LEAST_DEVIATION)
 
 
+def gaussian_from(z, output):
+    """As `gaussian`, where the network gives how far the mean is from `z`: ours, not the paper's."""
+    change, deviation = gaussian(output)
+    return z + change, deviation
+
+
+def unlikely(odds, ended):
+    """−log p(e | z), summed over features."""
+    return binary_cross_entropy_with_logits(odds, ended, reduction="none").sum(-1)
+
+
 def sample(mean, deviation):
     return torch.addcmul(mean, deviation, torch.randn_like(mean))
 
@@ -73,6 +84,7 @@ class SelfModel(nn.Module):
         self.visual = Mlp(s.latent, d, d, s.visual)
         self.verbal = Mlp(s.latent, d, d, s.verbal)
         self.reward = Mlp(s.latent, d, d, 1)
+        self.ended = Mlp(s.latent, d, d, 1)
         self.policy = Mlp(s.latent, d, d, 2 * s.action)
         if critic_hidden:
             c = critic_hidden
@@ -81,21 +93,27 @@ class SelfModel(nn.Module):
 
     def filter(self, z, action, observed):
         """q_φ(z_t | z_{t−1}, a_{t−1}, x_t), paper equation 4; `z` is None at the first step."""
-        return gaussian(self.first(observed) if z is None else self.encoder(torch.cat([z, action, observed], dim=-1)))
+        if z is None:
+            return gaussian(self.first(observed))
+        return gaussian_from(z, self.encoder(torch.cat([z, action, observed], dim=-1)))
+
+    def advance(self, z, action):
+        """p_θ(z_t | z_{t−1}, a_{t−1})."""
+        return gaussian_from(z, self.transition(torch.cat([z, action], dim=-1)))
 
     def negative_elbo(self, steps):
         """−L_e of paper equation 3 per step, averaged over the batch; constants of fixed deviations left out.
 
-        `steps`: dicts with observed, visual, verbal, action, reward, noise. Returns loss and its three terms.
+        `steps`: dicts with observed, visual, verbal, action, reward, ended, noise. Returns loss and its four terms.
         """
         s, z = self.sizes, None
-        reconstruction = reward = divergence = 0.0
+        reconstruction = reward = ending = divergence = 0.0
         for x in steps:
             mean, deviation = self.filter(z, x["action"], x["observed"])
             if z is None:
                 prior_mean, prior_deviation = torch.zeros_like(mean), torch.ones_like(deviation)
             else:
-                prior_mean, prior_deviation = gaussian(self.transition(torch.cat([z, x["action"]], dim=-1)))
+                prior_mean, prior_deviation = self.advance(z, x["action"])
             z = mean + deviation * x["noise"]
             kl = (prior_deviation / deviation).log() - 0.5
             kl = kl + (deviation**2 + (mean - prior_mean) ** 2) / (2 * prior_deviation**2)
@@ -108,7 +126,8 @@ class SelfModel(nn.Module):
                 reconstruction = reconstruction + error.sum(-1).mean()
             error = (self.reward(z) - x["reward"]) ** 2 / (2 * s.reward_deviation**2)
             reward = reward + error.sum(-1).mean()
-        terms = [term / len(steps) for term in (reconstruction, reward, divergence)]
+            ending = ending + unlikely(self.ended(z), x["ended"]).mean()
+        terms = [term / len(steps) for term in (reconstruction, reward, ending, divergence)]
         return sum(terms), *terms
 
     def foresight(self, steps, start):
@@ -118,10 +137,11 @@ class SelfModel(nn.Module):
             if i <= start:
                 mean, deviation = self.filter(z, x["action"], x["observed"])
             else:
-                mean, deviation = gaussian(self.transition(torch.cat([z, x["action"]], dim=-1)))
-            z = mean + deviation * x["noise"]
+                mean, deviation = self.advance(z, x["action"])
             if i <= start:
+                z = mean + deviation * x["noise"]
                 continue
+            z = mean
             for decoder, target, sigma in (
                 (self.visual, x["visual"], s.visual_deviation),
                 (self.verbal, x["verbal"], s.verbal_deviation),
@@ -129,6 +149,7 @@ class SelfModel(nn.Module):
             ):
                 error = (decoder(z) - target) ** 2 / (2 * sigma**2)
                 loss = loss + error.sum(-1).mean() / (len(steps) - 1 - start)
+            loss = loss + unlikely(self.ended(z), x["ended"]).mean() / (len(steps) - 1 - start)
         return loss
 
 
@@ -149,6 +170,7 @@ def random_steps(sizes: Sizes, batch: int, count: int, generator=None):
                 verbal=verbal,
                 action=2 * uniform(sizes.action) - 1,
                 reward=uniform(1),
+                ended=(uniform(1) < 0.3).float(),
                 noise=noise,
             )
         )

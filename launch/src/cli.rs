@@ -409,7 +409,7 @@ pub struct ExecGuardArguments {
 /// What to learn.
 #[derive(Debug, Subcommand)]
 pub enum Train {
-    /// Learn the robot's self-model by acting, from nothing (on two cores, about a quarter of an hour for the highway,
+    /// Learn the robot's self-model by acting, from nothing (on two cores, about half an hour for the highway,
     /// minutes for a gridworld)
     #[command(name = "self", after_help = examples::TRAIN_SELF)]
     Myself(TrainSelfArguments),

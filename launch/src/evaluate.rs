@@ -2,7 +2,7 @@
 
 use crate::cli::{
     Domain, Evaluate, EvaluateDriveArguments, EvaluateForesightArguments,
-    EvaluateImplantsArguments, Setting,
+    EvaluateImplantsArguments, EvaluateUnaidedArguments, Setting,
 };
 use crate::console::out;
 use crate::failure::Failure;
@@ -12,16 +12,18 @@ use crate::results_file::results_file;
 use crate::screen::Progress;
 use crate::{evaluate_all, evaluate_gridworld, evaluate_real};
 use anyhow::{Context, Result};
+use domains::discrete::SimulatedPerson;
 use domains::highway::Scene;
 use experiments::claims::write_study;
 use experiments::drive::{Condition, Study};
 use experiments::drive_report::{ConditionSummary, Report};
 use experiments::table::write_json;
-use experiments::{foresight, implants};
+use experiments::{foresight, implants, unaided};
 use planning::items::highway_settings_of;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
 /// `mirror evaluate`.
@@ -39,6 +41,7 @@ pub fn evaluate(study: &Evaluate) -> Result<ExitCode, Failure> {
             None => implants(arguments),
         },
         Evaluate::Foresight(arguments) => foresight(arguments),
+        Evaluate::Unaided(arguments) => unaided(arguments),
         Evaluate::All(arguments) => evaluate_all::all(arguments, evaluate),
     }
 }
@@ -52,7 +55,7 @@ fn results_of(study: &Evaluate) -> Option<&Path> {
         Evaluate::Real(arguments) => arguments.files.results.as_deref(),
         Evaluate::Implants(arguments) => arguments.files.results.as_deref(),
         Evaluate::All(arguments) => arguments.results.as_deref(),
-        Evaluate::Foresight(_) => None,
+        Evaluate::Foresight(_) | Evaluate::Unaided(_) => None,
     }
 }
 
@@ -82,6 +85,46 @@ fn foresight(arguments: &EvaluateForesightArguments) -> Result<ExitCode, Failure
         out!("{line}");
     }
     let path = out.join("foresight.json");
+    write_json(&path, &report)?;
+    out!("{}", path.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `mirror evaluate unaided`: the self-model in people's place.
+fn unaided(arguments: &EvaluateUnaidedArguments) -> Result<ExitCode, Failure> {
+    let domain = arguments.domain.gridworld();
+    let everybody = domain.map_or(PEOPLE, |_| SimulatedPerson::COUNT);
+    let people = arguments.people.unwrap_or(everybody);
+    if people > everybody {
+        let error = anyhow::anyhow!("--people {people}: there are {everybody}");
+        return Err(Failure::refused(error));
+    }
+    let (_, model) =
+        inputs::self_model(domain, arguments.self_model.as_deref()).map_err(Failure::refused)?;
+    let out: &Path = &arguments.out;
+    std::fs::create_dir_all(out)
+        .with_context(|| out.display().to_string())
+        .map_err(Failure::refused)?;
+    let quick = arguments.quick;
+    let study = unaided::Study {
+        domain,
+        people: people.min(if quick { QUICK_PEOPLE } else { people }),
+        seeds: if quick { 1 } else { arguments.seeds.into() },
+        seed: arguments.seed,
+        rounds: arguments.rounds,
+    };
+    let progress = Progress::new("living rounds", study.people.into());
+    let done = AtomicU32::new(0);
+    let report = unaided::run(&study, &model, &|_| {
+        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+        progress.at(done.into(), "people");
+    });
+    progress.finish();
+    let report = report?;
+    for line in report.lines() {
+        out!("{line}");
+    }
+    let path = out.join("unaided.json");
     write_json(&path, &report)?;
     out!("{}", path.display());
     Ok(ExitCode::SUCCESS)

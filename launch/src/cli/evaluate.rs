@@ -27,6 +27,9 @@ pub enum Evaluate {
     /// What the highway's self-model foresees of cars that come near, against what then happens
     #[command(after_help = examples::FORESIGHT)]
     Foresight(EvaluateForesightArguments),
+    /// How rounds go in the self-model's hands when it perceives no more than a person, beside the person's own
+    #[command(after_help = examples::UNAIDED)]
+    Unaided(EvaluateUnaidedArguments),
     /// Every study, one after the other, and the time of each
     #[command(after_help = examples::ALL)]
     All(EvaluateAllArguments),
@@ -207,6 +210,35 @@ pub struct EvaluateForesightArguments {
     #[arg(long, value_name = "FILE.safetensors")]
     pub self_model: Option<PathBuf>,
     /// Folder for foresight.json
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out: PathBuf,
+    /// Three people, one seed: to see that it runs
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Options of `mirror evaluate unaided`.
+#[derive(Args, Debug)]
+pub struct EvaluateUnaidedArguments {
+    /// The domain: the highway in fog, or a gridworld in its transfer setting
+    #[arg(long, value_enum, default_value_t = Domain::Highway)]
+    pub domain: Domain,
+    /// How many of the simulated people: persons 1 to this number [default: all, 21 on the highway and 10 in a gridworld]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=21))]
+    pub people: Option<u32>,
+    /// Seeds
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub seeds: u32,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Rounds of a seed; the highway's six cases take turns
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..))]
+    pub rounds: u32,
+    /// The robot's self-model [default: the one that ships]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub self_model: Option<PathBuf>,
+    /// Folder for unaided.json
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
     /// Three people, one seed: to see that it runs

@@ -108,6 +108,13 @@ Examples:
   # A self-model of your own, three people
   mirror evaluate foresight --self-model self.safetensors --quick --out out/quick";
 
+pub const UNAIDED: &str = "\
+Examples:
+  # Everybody on the highway in fog
+  mirror evaluate unaided --out out/unaided
+  # Three people of gridworld driving
+  mirror evaluate unaided --domain driving --quick --out out/quick";
+
 pub const ALL: &str = "\
 Examples:
   # As in RESULTS.md: hours

@@ -82,6 +82,8 @@ pub struct Layout {
     pub visual_region: Vec<Option<u8>>,
     /// For each verbal number, the utterance that it belongs to.
     pub verbal_utterance: Vec<u8>,
+    /// For each utterance, the regions in which what it tells of would be seen, a bit each; 0 where it cannot be seen.
+    pub told_regions: Vec<u64>,
     /// Visual regions that can be hidden.
     pub regions: usize,
     /// Utterances.

@@ -292,6 +292,63 @@ fn acts_follow_their_probabilities() {
     }
 }
 
+/// Somebody's actions over some rounds.
+fn actions_of(scene: &Scene, person: &mut dyn Mind) -> Vec<usize> {
+    let mut world = World::new(scene, &words_of(scene)).unwrap();
+    let layout = world.layout().clone();
+    let (mut visual, mut verbal) = (vec![0.0; layout.visual], vec![0.0; layout.verbal]);
+    let mut actions = Vec::new();
+    for round in 0..12 {
+        world.reset(9, round, round);
+        person.reset(9, round);
+        while world.end().is_running() {
+            world.observe(&mut visual, &mut verbal);
+            let seen = person.look(&visual);
+            person.perceive(&visual, &verbal, seen);
+            actions.push(person.act());
+            world.step(actions[actions.len() - 1]);
+        }
+    }
+    actions
+}
+
+/// Person 1 by another number.
+fn first_as(id: u32, scene: &Scene) -> Box<dyn Mind> {
+    let words = words_of(scene);
+    match scene {
+        Scene::Driving(scene) => {
+            let mut person = driving::Person::builtin(1).unwrap();
+            person.id = id;
+            Box::new(SimulatedDriver::new(&person, scene))
+        }
+        Scene::SearchRescue(scene) => {
+            let mut person = search_rescue::Person::builtin(1).unwrap();
+            person.id = id;
+            Box::new(Searcher::new(&person, scene, &words).unwrap())
+        }
+        Scene::BombDefusal(scene) => {
+            let mut person = bomb_defusal::Person::builtin(1).unwrap();
+            person.id = id;
+            Box::new(Defuser::new(&person, scene, &words).unwrap())
+        }
+    }
+}
+
+#[test]
+fn people_of_the_same_parameters_are_different_people() {
+    for domain in Domain::ALL {
+        let scene = Scene::of(domain, Setting::Transfer);
+        let play = |id: u32| actions_of(&scene, first_as(id, &scene).as_mut());
+        let all: Vec<_> = (1..=10).map(play).collect();
+        for (i, one) in all.iter().enumerate() {
+            assert_eq!(*one, play(1 + i as u32), "{domain:?} is not repeatable");
+            for (j, other) in all.iter().enumerate().skip(i + 1) {
+                assert_ne!(one, other, "{} and {} in {domain:?}", i + 1, j + 1);
+            }
+        }
+    }
+}
+
 #[test]
 fn terminals_are_found_after_a_geometric_time() {
     let Scene::BombDefusal(scene) = Scene::of(Domain::BombDefusal, Setting::Transfer) else {

@@ -14,3 +14,4 @@ pub mod real;
 pub mod results;
 pub mod statistics;
 pub mod table;
+pub mod unaided;

@@ -32,8 +32,11 @@ pub trait WorldModel {
     /// Step 3: x̂^verbal of `z`.
     fn verbal(&self, scratch: &mut Self::Scratch, z: &Tensor, out: &mut Tensor);
 
-    /// r̂ of `z`, `1 × batch`.
+    /// r̂ of `z`, `1 × batch`; never more or less than was ever earned.
     fn reward(&self, scratch: &mut Self::Scratch, z: &Tensor, out: &mut Tensor);
+
+    /// Probability that the round has ended in `z`, `1 × batch`.
+    fn ended(&self, scratch: &mut Self::Scratch, z: &Tensor, out: &mut Tensor);
 
     /// What is expected of the future after `actions` in `z`, `1 × batch`.
     fn value(&self, scratch: &mut Self::Scratch, z: &Tensor, actions: &Tensor, out: &mut Tensor);
@@ -93,6 +96,9 @@ impl SelfModel {
                 (Some(_), []) => {}
             });
         split_gaussian(&s.output, mean, deviation);
+        if let Some((z, _)) = previous {
+            add(mean, z);
+        }
     }
 
     /// Q_ψ(z, ·) of every choice, `actions × batch`.
@@ -134,6 +140,7 @@ impl WorldModel for SelfModel {
         self.transition
             .infer_stacked(p, &[z, actions], &mut s.mlp, &mut s.output);
         split_gaussian(&s.output, &mut s.mean, &mut s.deviation);
+        add(&mut s.mean, z);
         sample(&s.mean, &s.deviation, noise, z);
     }
 
@@ -164,6 +171,15 @@ impl WorldModel for SelfModel {
 
     fn reward(&self, s: &mut Scratch, z: &Tensor, out: &mut Tensor) {
         self.reward.infer(&self.parameters, z, &mut s.mlp, out);
+        let [least, most] = self.rewards();
+        for reward in out.data_mut() {
+            *reward = reward.clamp(least, most);
+        }
+    }
+
+    fn ended(&self, s: &mut Scratch, z: &Tensor, out: &mut Tensor) {
+        self.ended.infer(&self.parameters, z, &mut s.mlp, out);
+        nn::sigmoid_in_place(out);
     }
 
     /// The smaller of two critics' values, or the chosen action's.
@@ -268,6 +284,13 @@ pub fn split_gaussian(output: &Tensor, mean: &mut Tensor, deviation: &mut Tensor
         deviation.column_mut(j).copy_from_slice(&column[n..]);
     }
     nn::softplus_in_place(deviation);
+}
+
+/// x + y in x's place.
+fn add(x: &mut Tensor, y: &Tensor) {
+    for (x, y) in x.data_mut().iter_mut().zip(y.data()) {
+        *x += y;
+    }
 }
 
 /// z = μ + σ ε, elementwise.

@@ -6,6 +6,10 @@
 //! q_φ(z_t | z_{t−1}, a_{t−1}, x_t) = N(g^μ_φ(·), g^Σ_φ(·))
 //! ```
 //!
+//! Two things are ours. The means of f_θ and g_φ are z_{t−1} plus what their networks give: what goes on as it was need not be
+//! learned, and a car that is no longer seen is not forgotten. And e_θ tells whether a round has ended in z, so that an imagined
+//! round that ends stops earning (after Hafner et al. 2021, "Mastering Atari with discrete world models").
+//!
 //! Every quantity of a batch of sequences lies in one tensor, step after step: what need not wait for z (reading images,
 //! decoding, priors, divergences) is computed for all steps at once.
 
@@ -14,12 +18,12 @@ use crate::reader::Reader;
 use crate::sizes::Sizes;
 use crate::view::View;
 use domains::Layout;
-use nn::{Activation, Deconv, Mlp, Parameters, Tape, Tensor, Var};
+use nn::{Activation, Deconv, Mlp, ParamId, Parameters, Tape, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The networks f_θ, g_φ, d^m_θ, r_θ and π_ψ with their parameters.
+/// The networks f_θ, g_φ, d^m_θ, r_θ, e_θ and π_ψ with their parameters.
 #[derive(Clone, Debug)]
 pub struct SelfModel {
     /// Sizes.
@@ -30,11 +34,11 @@ pub struct SelfModel {
     pub view: View,
     /// Every parameter of the networks below.
     pub parameters: Parameters,
-    /// f_θ: `[z; a] → [mean; deviation before softplus]`.
+    /// f_θ: `[z; a] → [mean − z; deviation before softplus]`.
     pub transition: Mlp,
     /// g_φ of the first step: `features → [mean; deviation]`.
     pub first: Mlp,
-    /// g_φ of the other steps: `[z; a; features] → [mean; deviation]`.
+    /// g_φ of the other steps: `[z; a; features] → [mean − z; deviation]`.
     pub encoder: Mlp,
     /// d^visual_θ: `z → [feature map; other visual numbers]`, or `z → x̂^visual` without an image.
     pub visual: Mlp,
@@ -42,6 +46,11 @@ pub struct SelfModel {
     pub verbal: Mlp,
     /// r_θ: `z → r̂`.
     pub reward: Mlp,
+    /// e_θ: `z → log-odds that the round has ended`.
+    pub ended: Mlp,
+    /// Least and greatest reward that was ever earned, `2 × 1`, within which r̂ stays. Among the parameters because it is a part of
+    /// what was learned; no gradient moves it.
+    pub(crate) rewards: ParamId,
     /// π_ψ and Q_ψ.
     pub policy: Policy,
     /// Reads observations for g_φ.
@@ -81,6 +90,9 @@ impl SelfModel {
         let visual = net(&mut p, "visual", [latent, d, d, map + others]);
         let verbal = net(&mut p, "verbal", [latent, d, d, shape.verbal]);
         let reward = net(&mut p, "reward", [latent, d, d, 1]);
+        let ended = net(&mut p, "ended", [latent, d, d, 1]);
+        let anything = Tensor::from_slice(2, 1, &[f32::MIN, f32::MAX]);
+        let rewards = p.add("rewards", anything);
         let policy = Policy::new(&sizes, layout.actions, &mut p, rng);
         let reader = Reader::new(&sizes, &view, &mut p, rng);
         let draw = sizes
@@ -97,9 +109,32 @@ impl SelfModel {
             visual,
             verbal,
             reward,
+            ended,
+            rewards,
             policy,
             reader,
             draw,
+        }
+    }
+
+    /// Least and greatest reward that was ever earned; all there are before anything was.
+    pub fn rewards(&self) -> [f32; 2] {
+        let bounds = self.parameters.get(self.rewards).data();
+        [bounds[0], bounds[1]]
+    }
+
+    /// Takes note of rewards that were earned.
+    pub fn note_rewards(&mut self, earned: impl IntoIterator<Item = f32>) {
+        let known = match self.rewards() {
+            [f32::MIN, f32::MAX] => [f32::MAX, f32::MIN],
+            known => known,
+        };
+        let bounds = earned.into_iter().fold(known, |[least, most], reward| {
+            [least.min(reward), most.max(reward)]
+        });
+        if bounds[0] <= bounds[1] {
+            let kept = self.parameters.get_mut(self.rewards);
+            kept.data_mut().copy_from_slice(&bounds);
         }
     }
 
@@ -123,14 +158,27 @@ impl SelfModel {
         previous: Option<(Var, Var)>,
         features: Var,
     ) -> (Var, Var) {
-        let output = match previous {
-            None => tape.mlp(&self.first, features),
+        let latent = self.sizes.latent;
+        match previous {
+            None => {
+                let output = tape.mlp(&self.first, features);
+                Self::gaussian(tape, output, latent)
+            }
             Some((z, action)) => {
                 let input = tape.concat(&[z, action, features]);
-                tape.mlp(&self.encoder, input)
+                let output = tape.mlp(&self.encoder, input);
+                let (change, deviation) = Self::gaussian(tape, output, latent);
+                (tape.add(z, change), deviation)
             }
-        };
-        Self::gaussian(tape, output, self.sizes.latent)
+        }
+    }
+
+    /// p_θ(z_t | z_{t−1}, a_{t−1}): mean and deviation.
+    pub fn prior(&self, tape: &mut Tape, z: Var, action: Var) -> (Var, Var) {
+        let input = tape.concat(&[z, action]);
+        let output = tape.mlp(&self.transition, input);
+        let (change, deviation) = Self::gaussian(tape, output, self.sizes.latent);
+        (tape.add(z, change), deviation)
     }
 
     /// x̂^visual of `z`.
@@ -150,7 +198,8 @@ impl SelfModel {
     /// The evidence lower bound, negated, per step that counts (paper, equation 3):
     ///
     /// ```text
-    /// L_e = Σ_t ( E_q[Σ_m log p_θ(x^m_t | z_t)] + E_q[log p_θ(r_t | z_t)] − E_q[KL(q_φ(z_t) ‖ p_θ(z_t | z_{t−1}, a_{t−1}))] )
+    /// L_e = Σ_t ( E_q[Σ_m log p_θ(x^m_t | z_t)] + E_q[log p_θ(r_t | z_t)] + E_q[log p_θ(e_t | z_t)]
+    ///             − E_q[KL(q_φ(z_t) ‖ p_θ(z_t | z_{t−1}, a_{t−1}))] )
     /// ```
     ///
     /// Observations go in masked and are reconstructed whole; at the first step the prior is N(0, 1). Constants of the fixed
@@ -192,9 +241,7 @@ impl SelfModel {
             } else {
                 let before = tape.columns(z, 0..all - columns);
                 let action = tape.columns(action, columns..all);
-                let input = tape.concat(&[before, action]);
-                let output = tape.mlp(&self.transition, input);
-                let (mean, deviation) = Self::gaussian(tape, output, latent);
+                let (mean, deviation) = self.prior(tape, before, action);
                 (
                     tape.join(&[first_mean, mean]),
                     tape.join(&[first_deviation, deviation]),
@@ -212,14 +259,18 @@ impl SelfModel {
         let everything = 0..all;
         let both = self.reconstruction(tape, batch, z, everything.clone());
         let reconstruction = average(tape, both);
-        let reward = self.rewarded(tape, batch, z, everything);
+        let reward = self.rewarded(tape, batch, z, everything.clone());
         let reward = average(tape, reward);
+        let ending = self.ending(tape, batch, z, everything);
+        let ending = average(tape, ending);
         let loss = tape.add(reconstruction, reward);
+        let loss = tape.add(loss, ending);
         let loss = tape.add(loss, divergence);
         ElboTerms {
             loss,
             reconstruction,
             reward,
+            ending,
             divergence,
             z,
         }
@@ -261,11 +312,22 @@ impl SelfModel {
         squared_error(tape, reward, target, self.sizes.reward_deviation)
     }
 
+    /// −log p_θ(e | z) of the batch's columns in `of`, of which `z` is: `1 × columns`; softplus(l) − e l of log-odds l.
+    fn ending(&self, tape: &mut Tape, batch: &Batch, z: Var, of: Range<usize>) -> Var {
+        let odds = tape.mlp(&self.ended, z);
+        let ended = tape.input(&batch.ended);
+        let ended = tape.columns(ended, of);
+        let certain = tape.softplus(odds);
+        let told = tape.mul(ended, odds);
+        tape.sub(certain, told)
+    }
+
     /// How badly the model foresees, per step that counts: from the belief at step `from` it imagines the rest of each sequence, given
     /// the actions but nothing more to see,
     ///
     /// ```text
-    /// L_f = − Σ_{t > from} ( Σ_m log p_θ(x^m_t | ẑ_t) + log p_θ(r_t | ẑ_t) ),   ẑ_t ~ p_θ(· | ẑ_{t−1}, a_{t−1}),  ẑ_from = z_from
+    /// L_f = − Σ_{t > from} ( Σ_m log p_θ(x^m_t | ẑ_t) + log p_θ(r_t | ẑ_t) + log p_θ(e_t | ẑ_t) ),
+    ///       ẑ_t = the mean of p_θ(· | ẑ_{t−1}, a_{t−1}),  ẑ_from = z_from
     /// ```
     ///
     /// The ELBO asks for one step at a time, and errors of a step add up: a car that rushes up from behind was foreseen to recede
@@ -274,34 +336,31 @@ impl SelfModel {
     /// # Panics
     /// If the sequence has no step after `from`.
     pub fn foresight(&self, tape: &mut Tape, batch: &Batch, z: Var, from: usize) -> Var {
-        let (steps, columns, latent) = (batch.steps, batch.columns, self.sizes.latent);
+        let (steps, columns) = (batch.steps, batch.columns);
         assert!(
             from + 1 < steps,
             "nothing lies after step {from} of {steps}"
         );
         let action = tape.input(&batch.action);
-        let noise = tape.input(&batch.noise);
         let mut imagined = tape.columns(z, from * columns..(from + 1) * columns);
         let mut all = Vec::with_capacity(steps - from - 1);
         for t in from + 1..steps {
             let here = t * columns..(t + 1) * columns;
-            let action = tape.columns(action, here.clone());
-            let input = tape.concat(&[imagined, action]);
-            let output = tape.mlp(&self.transition, input);
-            let (mean, deviation) = Self::gaussian(tape, output, latent);
-            let noise = tape.columns(noise, here);
-            imagined = tape.gaussian_sample(mean, deviation, noise);
+            let action = tape.columns(action, here);
+            (imagined, _) = self.prior(tape, imagined, action);
             all.push(imagined);
         }
         let imagined = tape.join(&all);
         let of = (from + 1) * columns..steps * columns;
         let reconstruction = self.reconstruction(tape, batch, imagined, of.clone());
         let reward = self.rewarded(tape, batch, imagined, of.clone());
+        let ending = self.ending(tape, batch, imagined, of.clone());
         let both = tape.add(reconstruction, reward);
+        let all = tape.add(both, ending);
         let weight = tape.input(&batch.weight);
         let weight = tape.columns(weight, of.clone());
         let counted: f32 = batch.weight.data()[of].iter().sum();
-        let weighted = tape.mul(both, weight);
+        let weighted = tape.mul(all, weight);
         let sum = tape.sum(weighted);
         tape.scale(sum, 1.0 / counted.max(1.0))
     }
@@ -332,6 +391,8 @@ pub struct Batch {
     pub action: Tensor,
     /// r_t.
     pub reward: Tensor,
+    /// e_t: 1 where the round has ended and has no future, else 0.
+    pub ended: Tensor,
     /// ε of z_t = μ + σ ε.
     pub noise: Tensor,
     /// 1 where the step counts, 0 beyond an episode's end.
@@ -350,6 +411,7 @@ impl Batch {
             verbal: Tensor::new(shape.verbal, all),
             action: Tensor::new(shape.action, all),
             reward: Tensor::new(1, all),
+            ended: Tensor::new(1, all),
             noise: Tensor::new(model.sizes.latent, all),
             weight: Tensor::new(1, all),
         }
@@ -365,6 +427,8 @@ pub struct ElboTerms {
     pub reconstruction: Var,
     /// −log p(r | z).
     pub reward: Var,
+    /// −log p(e | z).
+    pub ending: Var,
     /// KL(q ‖ p).
     pub divergence: Var,
     /// Samples of z_t, `latent × (steps · columns)`.

@@ -7,6 +7,11 @@ pub fn softplus_in_place(tensor: &mut Tensor) {
     kernels::softplus_floor(tensor.data_mut(), SMALLEST_DEVIATION);
 }
 
+/// Makes probabilities of log-odds: 1 / (1 + e⁻ˣ).
+pub fn sigmoid_in_place(tensor: &mut Tensor) {
+    kernels::sigmoid_all(tensor.data_mut());
+}
+
 /// Makes log-probabilities of logits, column by column: x − ln Σ eˣ.
 pub fn log_softmax_in_place(tensor: &mut Tensor) {
     let rows = tensor.rows();

@@ -25,7 +25,7 @@ pub mod vectors;
 pub use adam::Adam;
 pub use gru::{Gru, GruScratch};
 pub use image::{Conv, Deconv, Windows};
-pub use in_place::{log_softmax_in_place, softplus_in_place};
+pub use in_place::{log_softmax_in_place, sigmoid_in_place, softplus_in_place};
 pub use layers::{Activation, Dense, Mlp, MlpScratch, SMALLEST_DEVIATION};
 pub use parameters::{Gradients, ParamId, Parameters};
 pub use tape::{Arena, Tape, Var};

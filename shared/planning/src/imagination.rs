@@ -28,6 +28,7 @@ pub struct Imagination<M: WorldModel = SelfModel> {
     actions: Tensor,
     observations: Observations,
     reward: Tensor,
+    ended: Tensor,
     noise: Vec<f32>,
     scratch: M::Scratch,
     /// z and words of those who are told something.
@@ -35,6 +36,8 @@ pub struct Imagination<M: WorldModel = SelfModel> {
     words: Tensor,
     /// Discounted sum of rewards so far, one per person.
     pub returns: Vec<f32>,
+    /// Probability that the round goes on, one per person: what has ended earns nothing.
+    going: Vec<f32>,
 }
 
 /// How the futures are valued.
@@ -61,11 +64,13 @@ impl<M: WorldModel> Imagination<M> {
             actions: Tensor::new(shape.action, rows),
             observations: Observations::new(&shape, rows),
             reward: Tensor::new(1, rows),
+            ended: Tensor::new(1, rows),
             noise: Vec::with_capacity(latent * rows),
             scratch: model.scratch(),
             told: Tensor::new(latent, rows),
             words: Tensor::new(shape.verbal, rows),
             returns: Vec::with_capacity(rows),
+            going: Vec::with_capacity(rows),
         }
     }
 
@@ -81,6 +86,7 @@ impl<M: WorldModel> Imagination<M> {
         model.visual(s, z, &mut self.observations.visual);
         model.verbal(s, z, &mut self.words);
         model.reward(s, z, &mut self.reward);
+        model.ended(s, z, &mut self.ended);
     }
 
     /// The most people that there is room for.
@@ -119,6 +125,8 @@ impl<M: WorldModel> Imagination<M> {
         }
         self.returns.clear();
         self.returns.resize(rows, 0.0);
+        self.going.clear();
+        self.going.resize(rows, 1.0);
         Ok(())
     }
 
@@ -157,6 +165,7 @@ impl<M: WorldModel> Imagination<M> {
         repeat_columns(&mut self.z, count, rows);
         for j in self.returns.len()..rows {
             self.returns.push(self.returns[j % count]);
+            self.going.push(self.going[j % count]);
         }
         self.fill_noise(rows, stage.seed);
         model.advance(&mut self.scratch, &mut self.z, &self.actions, &self.noise);
@@ -167,9 +176,13 @@ impl<M: WorldModel> Imagination<M> {
             people.ask(self.group, &self.observations, communicated, stage.seed)?;
         }
         model.reward(&mut self.scratch, &self.z, &mut self.reward);
+        model.ended(&mut self.scratch, &self.z, &mut self.ended);
         let weight = stage.discount * stage.reward_weight;
-        for (sum, reward) in self.returns.iter_mut().zip(self.reward.data()) {
-            *sum += weight * reward;
+        let earned = self.reward.data().iter().zip(self.ended.data());
+        let people = self.returns.iter_mut().zip(&mut self.going);
+        for ((sum, going), (reward, ended)) in people.zip(earned) {
+            *sum += weight * *going * reward;
+            *going *= 1.0 - ended;
         }
         Ok(())
     }
@@ -202,7 +215,8 @@ impl<M: WorldModel> Imagination<M> {
         }
     }
 
-    /// Adds what the critic expects after the horizon, of the last action the people chose: `γ^T · w · Q(z^R_T, ǎ_T)`.
+    /// Adds what the critic expects after the horizon, of the last action the people chose, where the round goes on:
+    /// `γ^T · w · Q(z^R_T, ǎ_T)`.
     pub fn finish(
         &mut self,
         model: &M,
@@ -212,8 +226,9 @@ impl<M: WorldModel> Imagination<M> {
         people.answer(self.group, &mut self.actions)?;
         model.value(&mut self.scratch, &self.z, &self.actions, &mut self.reward);
         let weight = stage.discount * stage.reward_weight;
-        for (sum, value) in self.returns.iter_mut().zip(self.reward.data()) {
-            *sum += weight * value;
+        let values = self.reward.data().iter().zip(&self.going);
+        for (sum, (value, going)) in self.returns.iter_mut().zip(values) {
+            *sum += weight * going * value;
         }
         Ok(())
     }

@@ -33,7 +33,10 @@ fn settings() -> Settings {
 }
 
 fn decide(settings: Settings, people: &mut Answers, start: Start) -> Decision {
-    let world = World::new();
+    decide_in(&World::new(), settings, people, start)
+}
+
+fn decide_in(world: &World, settings: Settings, people: &mut Answers, start: Start) -> Decision {
     let mut planner = Planner::new(settings, &world.model);
     planner
         .plan(&world.model, world.from(start), people)
@@ -235,6 +238,38 @@ fn the_value_of_silence_is_the_discounted_reward() {
         );
         assert!(decision.value > decision.value_silent + 10.0);
     }
+}
+
+/// A round that has ended earns nothing more; one that may have ended, as much less.
+#[test]
+fn what_has_ended_earns_nothing() {
+    for probability in [0.25, 0.999_99] {
+        let decision = decide_in(
+            &World::ending(probability),
+            settings(),
+            &mut Answers::deaf(),
+            Start::default(),
+        );
+        let going = 1.0 - probability;
+        let expected: f32 = (2..=8).map(|t| -10.0 * (0.9 * going).powi(t - 1)).sum();
+        assert!(
+            (decision.value_silent - expected).abs() < 0.05,
+            "{} for {expected}",
+            decision.value_silent
+        );
+    }
+}
+
+/// Whatever the network says, no imagined reward is more than was ever earned.
+#[test]
+fn imagined_rewards_stay_within_what_was_earned() {
+    let start = Start {
+        throttle: 0.5,
+        ..Start::default()
+    };
+    let of = |world: &World| decide_in(world, settings(), &mut Answers::deaf(), start).value_silent;
+    let difference = of(&World::new()) - of(&World::earning_at_most(0.2));
+    assert!((difference - 3.0).abs() < 0.05, "{difference}");
 }
 
 #[test]

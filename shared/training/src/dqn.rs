@@ -146,6 +146,7 @@ impl Dqn {
             reconstruction: tape.scalar(terms.reconstruction),
             reward: tape.scalar(terms.reward),
             divergence: tape.scalar(terms.divergence),
+            ending: tape.scalar(terms.ending),
             value: tape.scalar(q),
             policy: tape.scalar(imitation),
             foresight,
@@ -219,7 +220,7 @@ impl Returns {
                 let followed = self.goal.data()[next];
                 future += settings.trace * (followed - future);
             }
-            let future = settings.discount * (1.0 - shard.terminal.data()[next]) * future;
+            let future = settings.discount * (1.0 - shard.batch.ended.data()[next]) * future;
             self.goal.data_mut()[j] = batch.reward.data()[next] + future;
         }
         self.counts.resize_to(1, transitions);
@@ -309,7 +310,6 @@ mod tests {
             batch: Batch::new(&model, 2, 3),
             expert: Tensor::new(4, 6),
             imitated: Tensor::new(1, 6),
-            terminal: Tensor::new(1, 6),
         };
         shard.expert.column_mut(0)[2] = 1.0;
         shard.expert.column_mut(1)[1] = 1.0;

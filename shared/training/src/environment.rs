@@ -1,10 +1,13 @@
 //! Worlds as learning sees them: whatever people do there, an action is a column of numbers.
 
-use domains::discrete::{Discrete, Domain, End, Scene, Setting, WordsError, World};
+use domains::discrete::{
+    Discrete, Domain, End, Mind, Scene, Setting, SimulatedPerson, Words, WordsError, World,
+};
 use domains::highway::modalities::{self, VISUAL, write_visual};
 use domains::highway::road::RoadError;
 use domains::highway::{self, Expert, FileError, LIDAR_RANGE_M, Observation, speech};
-use domains::{ActionSpace, Layout};
+use domains::search_rescue::{self, count_transitions};
+use domains::{ActionSpace, Layout, Mask};
 use models::utterances::{Said, UtteranceTable};
 use std::sync::Arc;
 use thiserror::Error;
@@ -23,9 +26,9 @@ pub trait Environment: Send {
     /// What somebody would do who knows the whole state; zeros once the round of a gridworld is over.
     fn expert(&mut self, action: &mut [f32]);
 
-    /// What an expert would do who sees no farther than `limits`, in the order of the domain's [`domains::Perception`]; zeros where
-    /// there is no such expert. Within a round, limits stay as they are.
-    fn peer(&mut self, _limits: &[f32], action: &mut [f32]) {
+    /// What an expert would do who perceives no more than `perceived` says, and so did since the round began; zeros where there is
+    /// no such expert.
+    fn peer(&mut self, _perceived: Perceived, action: &mut [f32]) {
         action.fill(0.0);
     }
 
@@ -39,6 +42,19 @@ pub trait Environment: Send {
 
     /// How the round stands.
     fn end(&self) -> End;
+}
+
+/// What somebody perceives of an observation.
+#[derive(Clone, Copy, Debug)]
+pub struct Perceived<'a> {
+    /// What limits their sight, in the order of the domain's [`domains::Perception`]; the same throughout a round.
+    pub limits: &'a [f32],
+    /// What they see and hear of the two modalities that follow.
+    pub mask: Mask,
+    /// x^visual.
+    pub visual: &'a [f32],
+    /// x^verbal.
+    pub verbal: &'a [f32],
 }
 
 /// A world could not be made.
@@ -64,6 +80,22 @@ pub enum EnvironmentError {
     Words(#[from] WordsError),
 }
 
+/// A searcher without habits: of all places that may still hold the victim each is as likely to be next, and no step slips.
+fn searcher(scene: &Scene, words: &Words) -> Result<Option<SimulatedPerson>, WordsError> {
+    let Scene::SearchRescue(scene) = scene else {
+        return Ok(None);
+    };
+    let (searching, returning) = count_transitions(std::iter::empty());
+    let person = search_rescue::Person {
+        id: 0,
+        slip: 0.0,
+        searching,
+        returning,
+    };
+    let searcher = search_rescue::Searcher::new(&person, scene, words)?;
+    Ok(Some(SimulatedPerson::SearchRescue(searcher)))
+}
+
 /// The default world of a domain in a setting. On the highway, fog is in the person's eyes: the traffic is the same.
 ///
 /// # Errors
@@ -81,8 +113,10 @@ pub fn shipped(
     }
     let domain = Domain::from_name(domain).ok_or(EnvironmentError::NoWorld(domain))?;
     let words = models::words::shipped(domain)?;
-    let world = World::new(&Scene::of(domain, setting), &words)?;
-    Ok(Box::new(Gridworld::from(world)))
+    let scene = Scene::of(domain, setting);
+    let world = Gridworld::from(World::new(&scene, &words)?);
+    let peer = searcher(&scene, &words)?;
+    Ok(Box::new(Gridworld { peer, ..world }))
 }
 
 /// Whether nothing can follow a round's end. The rounds of gridworlds are played to their end; a drive that did not end in a
@@ -97,12 +131,20 @@ pub struct Gridworld {
     /// The world.
     pub world: World,
     layout: Arc<Layout>,
+    /// An expert who knows no more than what they perceived, where there is one; and as they will be if their advice is taken.
+    peer: Option<SimulatedPerson>,
+    advised: Option<(usize, SimulatedPerson)>,
 }
 
 impl From<World> for Gridworld {
     fn from(world: World) -> Self {
         let layout = Arc::new(world.layout().clone());
-        Self { world, layout }
+        Self {
+            world,
+            layout,
+            peer: None,
+            advised: None,
+        }
     }
 }
 
@@ -113,6 +155,10 @@ impl Environment for Gridworld {
 
     fn reset(&mut self, seed: u64, episode: u32, scenario: u32) {
         self.world.reset(seed, episode, scenario);
+        self.advised = None;
+        if let Some(peer) = &mut self.peer {
+            peer.reset(seed, episode);
+        }
     }
 
     fn observe(&mut self, visual: &mut [f32], verbal: &mut [f32]) {
@@ -126,8 +172,32 @@ impl Environment for Gridworld {
         }
     }
 
+    fn peer(&mut self, perceived: Perceived, action: &mut [f32]) {
+        action.fill(0.0);
+        let Some(peer) = &mut self.peer else {
+            return;
+        };
+        peer.perceive(perceived.visual, perceived.verbal, perceived.mask);
+        if self.world.end().is_running() {
+            let mut advised = peer.clone();
+            let choice = advised.act();
+            action[choice] = 1.0;
+            self.advised = Some((choice, advised));
+        }
+    }
+
+    fn has_peer(&self) -> bool {
+        self.peer.is_some()
+    }
+
     fn step(&mut self, action: &[f32]) -> f32 {
-        self.world.step(models::policy::largest(action)).reward
+        let done = models::policy::largest(action);
+        match (&mut self.peer, self.advised.take()) {
+            (Some(peer), Some((choice, advised))) if choice == done => *peer = advised,
+            (Some(peer), _) => peer.observed(done),
+            (None, _) => {}
+        }
+        self.world.step(done).reward
     }
 
     fn end(&self) -> End {
@@ -194,8 +264,8 @@ impl Environment for Highway {
         action.copy_from_slice(&self.expert.act(&self.world));
     }
 
-    fn peer(&mut self, limits: &[f32], action: &mut [f32]) {
-        let visible_m = core::array::from_fn(|azimuth| limits[azimuth]);
+    fn peer(&mut self, perceived: Perceived, action: &mut [f32]) {
+        let visible_m = core::array::from_fn(|azimuth| perceived.limits[azimuth]);
         action.copy_from_slice(&self.peer.act_within(&self.world, &visible_m));
     }
 

@@ -14,6 +14,8 @@ use models::{
     View,
 };
 use nn::checkpoint::CheckpointError;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -179,29 +181,29 @@ fn policy(
     if let Some(problem) = sizes.problem(layout) {
         return Err(SizesError(problem).into());
     }
-    let view = View::new(layout);
-    let perceived = |rounds: &Rounds| -> Result<Vec<Trajectory>, LearnError> {
-        let used = rounds.rounds.iter().filter(|round| !round.is_empty());
-        used.map(|round: &Round| match round.perceived.len() == round.len() {
-            true => Ok(Trajectory::new(round, &view, layout.actions)),
-            false => Err(LearnError::Unseen(kind)),
-        })
-        .collect()
-    };
-    let mut own = perceived(rounds)?;
+    let mut own = perceived(kind, rounds)?;
     if let Some(original) = demonstrations.original {
         // One round of each in turn, so that every part of them holds both.
-        own = by_turns(own, perceived(original)?);
+        own = by_turns(own, perceived(kind, original)?);
     }
-    let expert = match config.policy.expert_rounds {
-        0 => Vec::new(),
+    let expert_rounds = match config.policy.expert_rounds {
+        0 => None,
         count => {
             let mut world = environment::shipped(layout.domain, Setting::Original)?;
-            let rounds = Rounds::of_expert(&mut *world, EXPERT_SEED, count, EXPERT_STEPS);
-            perceived(&rounds)?
+            Some(Rounds::of_expert(
+                &mut *world,
+                EXPERT_SEED,
+                count,
+                EXPERT_STEPS,
+            ))
         }
     };
-    let held = demonstrations.validation.map(&perceived).transpose()?;
+    let expert = match &expert_rounds {
+        None => Vec::new(),
+        Some(rounds) => perceived(kind, rounds)?,
+    };
+    let held = demonstrations.validation;
+    let held = held.map(|rounds| perceived(kind, rounds)).transpose()?;
     let held = held.filter(|held| !held.is_empty());
     let found = own.len();
     let stops = kind == Kind::Bc || config.sqil.patience > 0;
@@ -226,6 +228,21 @@ fn policy(
         return Err(LearnError::TooFew { found, kind });
     }
     train.extend(expert);
+    let view = View::new(layout);
+    let trajectory = |round: &Round| Trajectory::new(round, &view, layout.actions);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let told = train
+        .iter()
+        .filter(|(_, setting)| *setting == Setting::Original)
+        .filter_map(|(round, _)| round.told_what_was_seen(layout, &mut rng));
+    let told: Vec<Round> = told.collect();
+    let train: Vec<Trajectory> = train
+        .iter()
+        .map(|(round, _)| *round)
+        .chain(&told)
+        .map(trajectory)
+        .collect();
+    let held: Vec<Trajectory> = held.iter().map(|(round, _)| trajectory(round)).collect();
     let (policy, about) = if kind == Kind::Bc {
         let settings = CloningSettings {
             seed,
@@ -267,8 +284,18 @@ fn policy(
     })
 }
 
+/// Rounds with a step in them, each with its setting, if what was perceived of them is known.
+fn perceived(kind: Kind, rounds: &Rounds) -> Result<Vec<(&Round, Setting)>, LearnError> {
+    let used = rounds.rounds.iter().filter(|round| !round.is_empty());
+    used.map(|round| match round.perceived.len() == round.len() {
+        true => Ok((round, rounds.setting)),
+        false => Err(LearnError::Unseen(kind)),
+    })
+    .collect()
+}
+
 /// One of each in turn, and then what is left.
-fn by_turns(own: Vec<Trajectory>, others: Vec<Trajectory>) -> Vec<Trajectory> {
+fn by_turns<T>(own: Vec<T>, others: Vec<T>) -> Vec<T> {
     let mut others = others.into_iter();
     let mut all = Vec::new();
     for round in own {

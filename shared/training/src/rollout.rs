@@ -1,7 +1,7 @@
 //! Rounds for learning the self-model, and for measuring what was learned: what the robot lives through, with what the expert
 //! would do beside it.
 
-use crate::environment::Environment;
+use crate::environment::{Environment, Perceived};
 use crate::replay::Episode;
 use crate::sighted::Sighted;
 use domains::discrete::End;
@@ -138,10 +138,16 @@ impl Rollout {
             self.episode.reward.push(reward);
             self.environment.expert(&mut self.expert);
             self.episode.expert.extend_from_slice(&self.expert);
-            self.environment.peer(&self.sighted.limits, &mut self.peer);
+            let now = [&self.episode.visual[seen..], &self.episode.verbal[said..]];
+            let perceived = self.sighted.perceive(now[0], &mut rng);
+            let theirs = Perceived {
+                limits: &self.sighted.limits,
+                mask: perceived,
+                visual: now[0],
+                verbal: now[1],
+            };
+            self.environment.peer(theirs, &mut self.peer);
             self.episode.peer.extend_from_slice(&self.peer);
-            let visual_now = &self.episode.visual[seen..];
-            let perceived = self.sighted.perceive(visual_now, &mut rng);
             self.episode.perceived.push(perceived);
             lived.end = self.environment.end();
             if !lived.end.is_running() {
@@ -249,7 +255,8 @@ impl Rollout {
             Actor::Expert { slips } if slips > 0.0 && rng.random::<f32>() < slips => {
                 return chosen(rng.random_range(0..n), n);
             }
-            Actor::Expert { .. } | Actor::Peer => return self.expert.clone(),
+            Actor::Expert { .. } => return self.expert.clone(),
+            Actor::Peer => return self.peer.clone(),
             Actor::Policy { explore, .. } => explore,
             Actor::Mode => 0.0,
         };

@@ -7,6 +7,8 @@ use domains::{ActionSpace, Layout, Mask};
 use models::file::{COMMAND, DOMAIN, HEARD, HOLDS};
 use models::policy::largest;
 use nn::checkpoint::{Checkpoint, CheckpointError, Extra};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 use thiserror::Error;
@@ -91,6 +93,45 @@ impl Round {
             verbal: 0,
         };
         self.perceived = (0..self.len()).map(seen).collect();
+    }
+}
+
+/// Probability that an item is told in a round in place of being seen.
+const TOLD: f32 = 0.35;
+
+impl Round {
+    /// The same round of somebody who is told some items, drawn for the round, wherever they saw them: they know as much, and so they
+    /// did the same. None where what was perceived is not known, nobody could be heard, or nothing was changed.
+    ///
+    /// Without it, a policy that learns from rounds in which nobody speaks does not know what words mean.
+    pub fn told_what_was_seen(&self, layout: &Layout, rng: &mut ChaCha8Rng) -> Option<Self> {
+        if self.perceived.len() != self.len() || self.verbal.is_empty() {
+            return None;
+        }
+        let items: Vec<(usize, u64)> = layout
+            .told_regions
+            .iter()
+            .copied()
+            .enumerate()
+            .filter(|(_, regions)| *regions != 0 && rng.random::<f32>() < TOLD)
+            .collect();
+        let mut changed = false;
+        let told = self.perceived.iter().map(|before| {
+            let mut mask = *before;
+            for (utterance, regions) in &items {
+                if before.visual & regions != 0 {
+                    mask.visual &= !regions;
+                    mask.verbal |= 1 << utterance;
+                }
+            }
+            changed |= mask != *before;
+            mask
+        });
+        let perceived = told.collect();
+        changed.then(|| Self {
+            perceived,
+            ..self.clone()
+        })
     }
 }
 

@@ -136,6 +136,7 @@ impl Sac {
             losses.reconstruction = tape.scalar(elbo.reconstruction);
             losses.reward = tape.scalar(elbo.reward);
             losses.divergence = tape.scalar(elbo.divergence);
+            losses.ending = tape.scalar(elbo.ending);
             transitions.collect(tape.value(elbo.z), shard);
             let total = lighter(&mut tape, &elbo, schedule.divergence);
             let (total, foresight) = foreseeing(&mut tape, model, shard, &elbo, schedule, total);
@@ -264,7 +265,7 @@ impl Transitions {
         later(&mut self.reward, batch.reward.data());
         earlier(&mut self.expert, shard.expert.data());
         earlier(&mut self.imitated, shard.imitated.data());
-        later(&mut self.terminal, shard.terminal.data());
+        later(&mut self.terminal, shard.batch.ended.data());
     }
 }
 

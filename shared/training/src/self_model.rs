@@ -175,6 +175,8 @@ pub struct Losses {
     pub reconstruction: f32,
     /// −log p(r | z).
     pub reward: f32,
+    /// −log p(e | z).
+    pub ending: f32,
     /// KL(q ‖ p).
     pub divergence: f32,
     /// L_f.
@@ -194,6 +196,7 @@ impl Losses {
         self.loss += share * other.loss;
         self.reconstruction += share * other.reconstruction;
         self.reward += share * other.reward;
+        self.ending += share * other.ending;
         self.divergence += share * other.divergence;
         self.foresight += share * other.foresight;
         self.value += share * other.value;
@@ -394,7 +397,7 @@ impl Trainer {
         let slips = settings.dqn.map_or(0.0, |dqn| dqn.slips);
         // Expert, policy, policy with limited sight: sum of rewards and rounds.
         let mut rewards = [(0.0, 0_u32); 3];
-        let (mut steps, mut collisions) = (0, 0);
+        let (mut steps, mut collisions, mut earned) = (0, 0, Vec::new());
         for round in 0..settings.rounds {
             let by_expert = rng.random::<f32>() < expert;
             let limited = rng.random::<f32>() < LIMITED && (!by_expert || self.rollout.has_peer());
@@ -411,6 +414,7 @@ impl Trainer {
                 .rollout
                 .episode(&self.model, actor, settings.seed, number);
             self.replay.push(episode.clone());
+            earned.extend_from_slice(&episode.reward[1..]);
             let who = match (by_expert, limited) {
                 (true, false) => 0,
                 (false, false) => 1,
@@ -421,6 +425,7 @@ impl Trainer {
             steps += lived.steps;
             collisions += u32::from(lived.end == domains::discrete::End::Collision);
         }
+        self.model.note_rewards(earned);
         let mut losses = Losses::default();
         self.adam.learning_rate = settings.rate_at(self.phase);
         let schedule = Schedule {

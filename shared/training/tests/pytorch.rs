@@ -102,6 +102,7 @@ fn batch_of(file: &Checkpoint, model: &SelfModel) -> Batch {
     joined(file, "verbal", &mut batch.verbal);
     joined(file, "action", &mut batch.action);
     joined(file, "reward", &mut batch.reward);
+    joined(file, "ended", &mut batch.ended);
     joined(file, "noise", &mut batch.noise);
     batch.weight.fill(1.0);
     batch
@@ -120,6 +121,7 @@ fn a_whole_elbo_step_agrees_with_pytorch() {
         ("loss", terms.loss),
         ("reconstruction", terms.reconstruction),
         ("reward", terms.reward),
+        ("ending", terms.ending),
         ("divergence", terms.divergence),
     ] {
         assert_term(&file, name, tape.value(var)[0]);

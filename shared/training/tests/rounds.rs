@@ -286,3 +286,39 @@ fn table_of(rounds: &Rounds, visual: usize, verbal: usize) -> String {
     }
     text
 }
+
+/// Who is told what they saw in place of seeing it perceives nothing new, misses nothing, and does the same.
+#[test]
+fn told_in_place_of_seen() {
+    use rand::SeedableRng;
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    for domain in Domain::ALL {
+        let scene = Scene::of(domain, Setting::Original);
+        let words = models::words::shipped(domain).unwrap();
+        let mut world = World::new(&scene, &words).unwrap();
+        let layout = world.layout().clone();
+        let mut person = SimulatedPerson::builtin(&scene, 2, &words).unwrap();
+        let rounds = Rounds::record(&mut world, &mut person, 3, 0, 12);
+        let mut changed = 0;
+        for round in &rounds.rounds {
+            let Some(told) = round.told_what_was_seen(&layout, &mut rng) else {
+                continue;
+            };
+            assert_eq!((&told.action, &told.visual), (&round.action, &round.visual));
+            for (before, after) in round.perceived.iter().zip(&told.perceived) {
+                let (lost, new) = (before.visual & !after.visual, after.verbal & !before.verbal);
+                assert_eq!(after.visual & !before.visual, 0);
+                // Some hear of it anyway.
+                let of = |said: u32| {
+                    let items = (0..layout.utterances).filter(move |u| said >> u & 1 == 1);
+                    items.fold(0, |all, u| all | layout.told_regions[u])
+                };
+                assert_eq!(lost & !of(after.verbal), 0, "{domain:?}");
+                assert_eq!(lost & of(new), before.visual & of(new), "{domain:?}");
+                changed += u32::from(lost != 0);
+            }
+        }
+        // What the bomb is cannot be seen.
+        assert_eq!(changed > 20, domain != Domain::BombDefusal, "{domain:?}");
+    }
+}

@@ -1,16 +1,14 @@
 //! A simulated defuser: searches for the live terminal, then presses the button that the rules say for it, guessing the type of
 //! the bomb unless told (paper, Appendix, "Simulated Humans Agents").
 
-use rand_chacha::ChaCha8Rng;
-
 use super::{
     BUTTONS, LIVE, Person, SENTENCES, Scene, TERMINALS, TYPES, Table, WAIT, read_terminal,
 };
 use crate::Mask;
 use crate::discrete::memory::{of_index, to_index};
-use crate::discrete::{Limits, Mind, Sight, Words, WordsError, draw, random};
+use crate::discrete::{Chance, Limits, Mind, Sight, Words, WordsError, draw};
 
-/// Stream of random numbers of defusers; the next is their eyes'.
+/// Stream of random numbers of defusers.
 const STREAM: u64 = 0x6465_6675;
 
 /// A simulated defuser.
@@ -19,8 +17,7 @@ pub struct Defuser {
     rules: Table,
     sight: Sight,
     words: Words,
-    random: ChaCha8Rng,
-    eyes: ChaCha8Rng,
+    chance: Chance,
     live: Option<usize>,
     kind: Option<usize>,
 }
@@ -39,8 +36,7 @@ impl Defuser {
                 heard: 0,
             },
             words: words.clone(),
-            random: random(0, 0, STREAM),
-            eyes: random(0, 0, STREAM + 1),
+            chance: Chance::new(STREAM, person.id),
             live: None,
             kind: None,
         })
@@ -71,8 +67,7 @@ impl Mind for Defuser {
     }
 
     fn reseed(&mut self, seed: u64, episode: u32, stream: u64) {
-        self.random = random(seed, episode, STREAM + (stream << 32));
-        self.eyes = random(seed, episode, STREAM + 1 + (stream << 32));
+        self.chance.reseed(seed, episode, stream);
     }
 
     fn sight(&self) -> &Sight {
@@ -80,7 +75,7 @@ impl Mind for Defuser {
     }
 
     fn look(&mut self, visual: &[f32]) -> Mask {
-        self.sight.perceives(visual, &mut self.eyes)
+        self.sight.perceives(visual, &mut self.chance.eyes)
     }
 
     fn perceive(&mut self, visual: &[f32], verbal: &[f32], perceived: Mask) {
@@ -110,7 +105,7 @@ impl Mind for Defuser {
     fn act(&mut self) -> usize {
         let mut probabilities = [0.0; BUTTONS + 1];
         self.probabilities(&mut probabilities);
-        let action = draw(&probabilities, &mut self.random);
+        let action = draw(&probabilities, &mut self.chance.acts);
         self.acted(action);
         action
     }

@@ -88,6 +88,7 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         }),
         visual_region,
         verbal_utterance: vec![0; width],
+        told_regions: vec![0],
         regions: TERMINALS,
         utterances: 1,
         perception: &perception::ChanceOfNoticing,

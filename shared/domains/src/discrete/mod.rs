@@ -200,4 +200,4 @@ pub trait Discrete: Send + Sync {
 }
 
 pub(crate) use crate::highway::random;
-pub(crate) use draw::draw;
+pub(crate) use draw::{Chance, draw};

@@ -2,16 +2,15 @@
 //! that was learned for them (paper, Appendix, "Simulated Humans Agents").
 
 use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 
 use super::person::{MAX_HORIZON, MAX_SAMPLES};
 use super::{
     CARS, Car, FEATURES, Person, RANGE_CELLS, STAY, SWITCH, Scene, advance, features, visible,
 };
 use crate::Mask;
-use crate::discrete::{Limits, Mind, Setting, Sight, draw, random};
+use crate::discrete::{Chance, Limits, Mind, Setting, Sight, draw};
 
-/// Stream of random numbers of drivers; the next is their eyes'.
+/// Stream of random numbers of drivers.
 const STREAM: u64 = 0x6472_7672;
 /// Probability of a lane change in the first iteration's sequences.
 const FIRST_PROBABILITY: f32 = 0.3;
@@ -37,8 +36,7 @@ pub struct SimulatedDriver {
     elites: usize,
     discount: f32,
     sight: Sight,
-    random: ChaCha8Rng,
-    eyes: ChaCha8Rng,
+    chance: Chance,
     lane: usize,
     known: [Option<Known>; CARS],
 }
@@ -64,8 +62,7 @@ impl SimulatedDriver {
                 limits: Limits::Thresholds([ahead, ahead, behind, behind]),
                 heard: 0,
             },
-            random: random(0, 0, STREAM),
-            eyes: random(0, 0, STREAM + 1),
+            chance: Chance::new(STREAM, person.id),
             lane: 0,
             known: [None; CARS],
         }
@@ -114,7 +111,7 @@ impl SimulatedDriver {
             for sample in 0..self.samples {
                 let mut sequence = 0u16;
                 for (step, p) in probability.iter().enumerate().take(self.horizon) {
-                    sequence |= u16::from(self.random.random::<f32>() < *p) << step;
+                    sequence |= u16::from(self.chance.acts.random::<f32>() < *p) << step;
                 }
                 if iteration == 0 && sample < 2 {
                     sequence = sample as u16; // both first actions are tried at least once: stay, or switch and stay
@@ -159,8 +156,7 @@ impl Mind for SimulatedDriver {
     }
 
     fn reseed(&mut self, seed: u64, episode: u32, stream: u64) {
-        self.random = random(seed, episode, STREAM + (stream << 32));
-        self.eyes = random(seed, episode, STREAM + 1 + (stream << 32));
+        self.chance.reseed(seed, episode, stream);
     }
 
     fn sight(&self) -> &Sight {
@@ -168,7 +164,7 @@ impl Mind for SimulatedDriver {
     }
 
     fn look(&mut self, visual: &[f32]) -> Mask {
-        self.sight.perceives(visual, &mut self.eyes)
+        self.sight.perceives(visual, &mut self.chance.eyes)
     }
 
     fn perceive(&mut self, visual: &[f32], verbal: &[f32], perceived: Mask) {
@@ -226,7 +222,7 @@ impl Mind for SimulatedDriver {
     fn act(&mut self) -> usize {
         let mut probabilities = [0.0; 2];
         self.probabilities(&mut probabilities);
-        let action = draw(&probabilities, &mut self.random);
+        let action = draw(&probabilities, &mut self.chance.acts);
         self.acted(action);
         action
     }

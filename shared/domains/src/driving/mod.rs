@@ -68,6 +68,7 @@ pub(crate) fn layout(scene: &Scene) -> Layout {
         image: None,
         visual_region,
         verbal_utterance: (0..VERBAL as u8).map(|i| i / 2).collect(),
+        told_regions: (0..CARS).map(|slot| 1 << slot).collect(),
         regions: CARS,
         utterances: CARS,
         perception: &perception::CellsToCars,

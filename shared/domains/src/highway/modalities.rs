@@ -215,6 +215,7 @@ pub fn layout() -> Arc<Layout> {
             image: None,
             visual_region: (0..VISUAL).map(region).collect(),
             verbal_utterance: (0..VERBAL).map(|i| (i / PER_SECTOR) as u8).collect(),
+            told_regions: EXTENT.to_vec(),
             regions: AZIMUTHS,
             utterances: SECTORS,
             perception: &MetresToReturns,

@@ -113,6 +113,9 @@ pub(crate) fn layout(scene: &Scene, width: usize) -> Layout {
         }),
         visual_region,
         verbal_utterance: (0..UTTERANCES * width).map(|i| (i / width) as u8).collect(),
+        told_regions: (Cell::PLACES.into_iter().chain(Cell::CORRIDORS))
+            .map(|cell| 1 << portion_of(cell))
+            .collect(),
         regions: PORTIONS,
         utterances: UTTERANCES,
         perception: &perception::CellsToPortions,

@@ -1,8 +1,6 @@
 //! A simulated searcher: goes from subgoal to subgoal by shortest paths, searches every place until the victim is known, and never
 //! forgets what they saw or heard (paper, Appendix, "Simulated Humans Agents").
 
-use rand_chacha::ChaCha8Rng;
-
 use super::map::{Cell, distances, neighbour, step_towards};
 use super::person::{SUBGOALS, Transitions, is_transition, subgoal_cell};
 use super::world::colour;
@@ -11,9 +9,9 @@ use super::{
 };
 use crate::Mask;
 use crate::discrete::memory::{of_index, of_truth, to_index, to_truth};
-use crate::discrete::{Limits, Mind, Setting, Sight, Words, WordsError, draw, random};
+use crate::discrete::{Chance, Limits, Mind, Setting, Sight, Words, WordsError, draw};
 
-/// Stream of random numbers of searchers; the next is their eyes'.
+/// Stream of random numbers of searchers.
 const STREAM: u64 = 0x7372_6368;
 /// The first subgoal that is a place.
 const FIRST_PLACE: usize = 1 + CORRIDORS;
@@ -26,8 +24,7 @@ pub struct Searcher {
     slip: f32,
     sight: Sight,
     words: Words,
-    random: ChaCha8Rng,
-    eyes: ChaCha8Rng,
+    chance: Chance,
     position: Cell,
     found: bool,
     /// Of each place: whether the victim is there, if known.
@@ -59,8 +56,7 @@ impl Searcher {
                 heard: super::heard(scene.setting),
             },
             words: words.clone(),
-            random: random(0, 0, STREAM),
-            eyes: random(0, 0, STREAM + 1),
+            chance: Chance::new(STREAM, person.id),
             position: Cell::ENTRANCE,
             found: false,
             victim: [None; PLACES],
@@ -202,8 +198,7 @@ impl Mind for Searcher {
     }
 
     fn reseed(&mut self, seed: u64, episode: u32, stream: u64) {
-        self.random = random(seed, episode, STREAM + (stream << 32));
-        self.eyes = random(seed, episode, STREAM + 1 + (stream << 32));
+        self.chance.reseed(seed, episode, stream);
     }
 
     fn sight(&self) -> &Sight {
@@ -211,7 +206,7 @@ impl Mind for Searcher {
     }
 
     fn look(&mut self, visual: &[f32]) -> Mask {
-        self.sight.perceives(visual, &mut self.eyes)
+        self.sight.perceives(visual, &mut self.chance.eyes)
     }
 
     fn perceive(&mut self, visual: &[f32], verbal: &[f32], perceived: Mask) {
@@ -279,7 +274,7 @@ impl Mind for Searcher {
     fn act(&mut self) -> usize {
         let mut probabilities = [0.0; 4];
         self.probabilities(&mut probabilities);
-        let action = draw(&probabilities, &mut self.random);
+        let action = draw(&probabilities, &mut self.chance.acts);
         self.acted(action);
         action
     }
@@ -292,7 +287,7 @@ impl Mind for Searcher {
                 *weight *= self.directions(Some(subgoal))[action.min(3)];
             }
             if weights.iter().sum::<f32>() > 0.0 {
-                self.target = Some(draw(&weights, &mut self.random));
+                self.target = Some(draw(&weights, &mut self.chance.acts));
             }
         }
     }

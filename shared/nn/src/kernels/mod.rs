@@ -191,6 +191,7 @@ in_place! {
     /// max(ln(1 + eˣ), floor)
     softplus_floor[x](; floor) larger(softplus_of(x), floor);
     sigmoid_add[a](b;) sigmoid_of(a + b);
+    sigmoid_all[x](;) sigmoid_of(x);
     /// n = tanh(a + r · hn)
     gru_candidate[a](r, hn;) tanh_of(r.mul_add(hn, a));
 }

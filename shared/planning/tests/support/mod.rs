@@ -77,6 +77,9 @@ impl Start {
     }
 }
 
+/// Log-odds of what never happens.
+const NEVER: f32 = -40.0;
+
 /// z₀ is the throttle of the step before, and the reward; cars stand all around.
 pub struct World {
     pub model: SelfModel,
@@ -92,17 +95,21 @@ impl World {
         };
         let mut model = SelfModel::new(sizes, layout(), &mut ChaCha8Rng::seed_from_u64(0));
         let (transition, reward) = (model.transition.clone(), model.reward.clone());
-        let visual = model.visual.clone();
+        let (visual, ended) = (model.visual.clone(), model.ended.clone());
         let p = &mut model.parameters;
         let ids: Vec<_> = p.iter().map(|(id, _, _)| id).collect();
         for id in ids {
             p.get_mut(id).fill(0.0);
         }
-        // Input [z₀; z₁; throttle; steer], output [mean of z; deviation of z before softplus].
+        // Input [z₀; z₁; throttle; steer], output [change of z's mean; deviation of z before softplus]: throttle − z₀.
         carry(p, &transition, 2);
+        p.get_mut(transition.layers[0].weight).data_mut()[0] = -1.0;
         let bias = p.get_mut(transition.layers[2].bias).data_mut();
         (bias[2], bias[3]) = (-30.0, -30.0);
         carry(p, &reward, 0);
+        p.get_mut(ended.layers[2].bias).data_mut()[0] = NEVER;
+        model.note_rewards([-10.0, 10.0]);
+        let p = &mut model.parameters;
         // There is a car in every direction, 20 m away.
         p.get_mut(visual.layers[2].bias).fill(0.5);
         Self {
@@ -110,6 +117,23 @@ impl World {
             mean: Tensor::new(2, 1),
             deviation: Tensor::new(2, 1),
         }
+    }
+
+    /// The same, where each step is the last with this probability.
+    pub fn ending(probability: f32) -> Self {
+        let mut world = Self::new();
+        let odds = (probability / (1.0 - probability)).ln();
+        let bias = world.model.ended.layers[2].bias;
+        world.model.parameters.get_mut(bias).data_mut()[0] = odds;
+        world
+    }
+
+    /// The same, where no reward was ever more than `most`.
+    pub fn earning_at_most(most: f32) -> Self {
+        let mut world = Self::new();
+        let id = world.model.parameters.id("rewards").expect("is there");
+        world.model.parameters.get_mut(id).data_mut()[1] = most;
+        world
     }
 
     /// The same without a car anywhere.
