@@ -197,12 +197,12 @@ fn a_swap_says_what_it_waits_for() {
     live.wait();
 }
 
-/// A set that learns about the person, once it does: that takes it a second or more.
+/// A set that learns about the person, once it does: cloning takes it several seconds, implants may take less than a swap to ask.
 fn learns(bench: &Bench, name: &str) -> Run {
     let mut command = mirror();
     command
-        .args(["up", "--planner", "none", "--episodes", "1000000"])
-        .args(["--instance", name, "--self-model"])
+        .args(["up", "--planner", "none", "--human", "bc"])
+        .args(["--episodes", "1000000", "--instance", name, "--self-model"])
         .arg(bench.path("self.safetensors"))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
